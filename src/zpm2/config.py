@@ -1,0 +1,222 @@
+"""Every number of the method, one frozen dataclass per stage, and the presets that fill them.
+
+`paper` holds the values of the paper's "Experimental environment" (4.1.3) wherever it prints one; `default` is the best
+that we know, measured. A configuration is a value: compare it, print it, write it to a file and read it back.
+"""
+
+import dataclasses
+import json
+import tomllib
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Literal
+
+from zpm2.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class SegmentConfig:
+    """Regions from pixels (paper 3.2). Thresholds are those of SAM's automatic mask generator."""
+
+    model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = "mobile_sam"
+    backend: Literal["auto", "openvino", "torch"] = "auto"  # auto: openvino on a CPU where it is installed, else torch
+    grid: int = 32  # prompts along each image side, grid x grid in all
+    min_predicted_iou: float = 0.88  # 0..1, masks that the model itself doubts are dropped
+    min_stability: float = 0.95  # 0..1, IoU of the mask cut at +offset and -offset
+    stability_offset: float = 1.0  # logits
+    nms_iou: float = 0.7  # of two masks that overlap more, the one with the better score stays
+    min_area: float = 100.0  # px^2 of the original image; smaller regions, islands and holes are cleaned away
+    max_area: float = 0.9  # share of the image; larger masks are the image itself
+
+
+@dataclass(frozen=True)
+class VectorizeConfig:
+    """Polygons from regions (paper 3.2, Douglas-Peucker)."""
+
+    tolerance: float = 1.0  # px, Douglas-Peucker distance
+
+
+@dataclass(frozen=True)
+class PointsConfig:
+    """Homologous points (paper 3.2). Several matchers are combined, as the paper does."""
+
+    methods: tuple[str, ...] = ("xfeat",)  # sift, xfeat, xfeat-dense, disk, aliked, superpoint
+    max_keypoints: int = 4096  # per image and method
+    max_size: int = 1600  # px, the longer image side given to learned detectors; points come back in original px
+    min_score: float = 0.1  # 0..1, the matcher's own
+
+
+@dataclass(frozen=True)
+class GlobalConfig:
+    """Initial geometry and bidirectional pyramid (paper 3.3, Algorithm 1)."""
+
+    epipolar_px: float = 3.0  # px, MAGSAC++ threshold of F and the "sufficiently close" of 3.3.1
+    homography_px: float = 6.0  # px, MAGSAC++ threshold of H
+    search: Literal["pyramid", "fixed"] = "pyramid"  # fixed: a window as wide as the polygon's shorter side (4.4.1)
+    factor: int = 3  # pyramid downsampling factor
+    top_size: int = 200  # px, downsampling stops when a side of the top level is no longer than this
+    phi: int = 15  # px, template window W_phi, odd
+    tau: int = 25  # px, half of the initial search window W_tau, hence 50 x 50
+    band: float = 3.0  # px of the pyramid level, distance to the epipolar line (epsilon of 3.3.2)
+    min_contrast: float = 2.0  # grey levels, standard deviation under which a template has no texture
+
+
+@dataclass(frozen=True)
+class LocalConfig:
+    """Local matcher (paper 3.4): shape, texture, cost and assignment."""
+
+    shape: Literal["graph", "overlap"] = "graph"  # psi from the paper's graph descriptor, or from rectified overlap
+    assign: Literal["optimal", "greedy"] = "optimal"  # greedy: highest psi, one polygon after the other (4.4.2)
+    neighbors: int = 8  # k of the node embedding
+    z: float = 5.0  # scaling factor of beta
+    gamma: int = 8  # DSF from which a local homography is estimated
+    iota: float = 5.0  # similarity threshold: a pair that costs more stays unmatched
+    epsilon: float = 1e-6  # of the cost
+    patch: int = 32  # px, side of the resampled texture patches
+    rematch_dsf: int = 1  # homologous points from which a pair that BPM did not propose is tried in the second round
+
+
+@dataclass(frozen=True)
+class Config:
+    """The whole method."""
+
+    segment: SegmentConfig = field(default_factory=SegmentConfig)
+    vectorize: VectorizeConfig = field(default_factory=VectorizeConfig)
+    points: PointsConfig = field(default_factory=PointsConfig)
+    global_match: GlobalConfig = field(default_factory=GlobalConfig)
+    local_match: LocalConfig = field(default_factory=LocalConfig)
+    seed: int = 0
+    device: str = "auto"  # auto, cpu, cuda
+
+    def __post_init__(self) -> None:
+        for stage in dataclasses.fields(self):
+            value = getattr(self, stage.name)
+            if not dataclasses.is_dataclass(value):
+                continue
+            for item in dataclasses.fields(value):
+                _check_range(f"{stage.name}.{item.name}", getattr(value, item.name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain nested dictionaries, as in `matches.json`."""
+        return dataclasses.asdict(self)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any], base: "Config | None" = None) -> "Config":
+        """`base` (else the defaults) with `values` laid over it. Unknown names and wrong types raise `ConfigError`."""
+        return _overlay(base or Config(), values, "")
+
+
+PRESETS: dict[str, Config] = {
+    "paper": Config(),
+    "default": Config(local_match=LocalConfig(shape="overlap")),
+}
+
+
+def preset(name: str) -> Config:
+    """The configuration of that name; `ConfigError` names the ones that exist."""
+    if name not in PRESETS:
+        raise ConfigError(f"unknown preset '{name}'{_hint(name, PRESETS)}; presets are: {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def load(path: str | Path, base: Config | None = None) -> Config:
+    """A configuration from a .toml or .json file, laid over `base`."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        values = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except OSError as error:
+        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ConfigError(f"configuration {path} is not valid {path.suffix.lstrip('.') or 'TOML'}: {error}") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"configuration {path} must hold a table of stages, got {type(values).__name__}")
+    return Config.from_dict(values, base)
+
+
+def assign(config: Config, settings: Sequence[str]) -> Config:
+    """`config` with each "stage.field=value" of `settings` applied (the command line's `--set`).
+
+    >>> assign(Config(), ["segment.grid=16", "points.methods=sift,xfeat"]).points.methods
+    ('sift', 'xfeat')
+    """
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected stage.field=value, for example segment.grid=16")
+        values: Any = text
+        for name in reversed(key.strip().split(".")):
+            values = {name: values}
+        config = Config.from_dict(values, config)
+    return config
+
+
+def _check_range(name: str, value: Any) -> None:
+    numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
+    if any(v != v or v < 0 or v == float("inf") for v in numbers):
+        raise ConfigError(f"{name} must be a finite number >= 0, got {value}")
+    if name in ("segment.grid", "points.max_keypoints", "global_match.top_size", "local_match.neighbors") and value < 1:
+        raise ConfigError(f"{name} must be at least 1, got {value}")
+    if name == "global_match.phi" and (value < 3 or value % 2 == 0):
+        raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")
+    if name == "global_match.factor" and value < 2:
+        raise ConfigError(f"{name} must be at least 2, got {value}")
+    if name == "local_match.patch" and value < 4:
+        raise ConfigError(f"{name} must be at least 4 px, got {value}")
+    if name == "points.methods" and not value:
+        raise ConfigError("points.methods is empty: name at least one, for example sift")
+
+
+def _hint(name: str, known: Any) -> str:
+    close = get_close_matches(name, list(known), n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""
+
+
+def _overlay(base: Any, values: Any, where: str) -> Any:
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"option '{where.rstrip('.')}' is a stage; set one of its fields: "
+                          f"{', '.join(f.name for f in dataclasses.fields(base))}")
+    types_of = typing.get_type_hints(type(base))
+    changed = {}
+    for name, value in values.items():
+        if name not in types_of:
+            raise ConfigError(f"unknown option '{where}{name}'{_hint(name, types_of)}; known here: {', '.join(types_of)}")
+        current = getattr(base, name)
+        if dataclasses.is_dataclass(current):
+            changed[name] = _overlay(current, value, f"{where}{name}.")
+        else:
+            changed[name] = _convert(value, types_of[name], f"{where}{name}")
+    return dataclasses.replace(base, **changed)
+
+
+def _convert(value: Any, kind: Any, name: str) -> Any:
+    """`value` (a string from the command line, or a parsed TOML/JSON value) as the field's type."""
+    origin = typing.get_origin(kind)
+    if origin is Literal:
+        choices = typing.get_args(kind)
+        if value in choices:
+            return value
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, got '{value}'")
+    if origin is tuple:
+        parts = value.split(",") if isinstance(value, str) else value
+        if not isinstance(parts, list | tuple):
+            raise ConfigError(f"{name} must be a list, got '{value}'")
+        return tuple(_convert(p.strip() if isinstance(p, str) else p, typing.get_args(kind)[0], name) for p in parts)
+    if origin in (types.UnionType, typing.Union):
+        if value is None or value == "none":
+            return None
+        return _convert(value, next(a for a in typing.get_args(kind) if a is not type(None)), name)
+    try:
+        if kind is bool and isinstance(value, str):
+            return {"true": True, "false": False}[value.lower()]
+        if kind is int and isinstance(value, float) and not value.is_integer():
+            raise ValueError
+        if isinstance(value, str) or (isinstance(value, int | float) and kind in (int, float, bool)):
+            return kind(value)
+    except (ValueError, KeyError):
+        pass
+    raise ConfigError(f"{name} must be of type {kind.__name__}, got '{value}'")

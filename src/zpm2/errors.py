@@ -1,0 +1,45 @@
+"""What can go wrong, by name.
+
+Misuse (an unreadable file, an unknown option, missing weights) raises a `Zpm2Error` whose message is one line that
+says what is wrong and what to do; the command line prints it and leaves with exit code 2. An estimate that does not
+exist (no homography from three points) is no misuse: it is a `Failed`, which is falsy and carries its reason.
+"""
+
+from dataclasses import dataclass
+
+
+class Zpm2Error(Exception):
+    """Base of every error that zpm2 raises on purpose."""
+
+
+class InputError(Zpm2Error):
+    """An input cannot be used: missing, damaged, of a wrong kind, too small, not finite."""
+
+
+class ConfigError(Zpm2Error):
+    """An option, preset or configuration file does not exist or has a value that cannot be used."""
+
+
+class WeightsError(Zpm2Error):
+    """Pre-trained weights cannot be had: no source answered, or a file is not what the manifest says."""
+
+
+class OutputError(Zpm2Error):
+    """A result cannot be written."""
+
+
+class MissingDependency(Zpm2Error):
+    """An optional package is needed; the message holds the install command."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """An estimate that does not exist. Falsy, so that `if geometry.homography:` reads as it should."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __str__(self) -> str:
+        return self.reason

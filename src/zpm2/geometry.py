@@ -1,0 +1,116 @@
+"""Two-view geometry behind one call each, whatever library does it.
+
+Points are (n, 2) float64 image px with pixel centres at +0.5; F and H are in the same coordinates: p_right^T F p_left
+= 0 and p_right ~ H p_left. OpenCV's estimators do not care where the origin lies, so nothing is shifted here.
+"""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import Failed
+
+Array = NDArray[np.float64]
+
+
+def homogeneous(points: Array) -> Array:
+    """(n, 2) -> (n, 3) with a last column of ones."""
+    return np.c_[points, np.ones(len(points))]
+
+
+def project(homography: Array, points: Array) -> Array:
+    """(n, 2) points carried by a 3 x 3 homography. Points on or behind its horizon come back as NaN."""
+    p = homogeneous(points) @ homography.T
+    w = p[:, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(w * np.sign(homography[2, 2] or 1.0) > 1e-12, p[:, :2] / w, np.nan)
+
+
+def homography_jacobian(homography: Array, points: Array) -> Array:
+    """(n, 2, 2) derivative of `project` at each point: the local affine part of a homography."""
+    p = homogeneous(points) @ homography.T
+    w = p[:, 2]
+    x, y = p[:, 0] / w, p[:, 1] / w
+    rows_x = (homography[0, :2] - x[:, None] * homography[2, :2]) / w[:, None]
+    rows_y = (homography[1, :2] - y[:, None] * homography[2, :2]) / w[:, None]
+    return np.stack([rows_x, rows_y], axis=1)
+
+
+def epipolar_lines(fundamental: Array, left: Array) -> Array:
+    """(n, 3) lines a x + b y + c = 0 in the right image, with a^2 + b^2 = 1, of (n, 2) left points."""
+    lines = homogeneous(left) @ fundamental.T
+    norm = np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    return np.asarray(lines / np.maximum(norm, 1e-300))
+
+
+def epipolar_distance(fundamental: Array, left: Array, right: Array) -> Array:
+    """(n,) px: distance of each right point to the epipolar line of its left point."""
+    return np.abs(np.einsum("ni,ni->n", epipolar_lines(fundamental, left), homogeneous(right)))
+
+
+def sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
+    """(n,) px: first-order distance of a pair to the epipolar constraint, both images counted
+    (Hartley and Zisserman, Multiple View Geometry, 2nd ed., Eq. 11.9, square root)."""
+    l2 = homogeneous(left) @ fundamental.T
+    l1 = homogeneous(right) @ fundamental
+    e = np.einsum("ni,ni->n", homogeneous(right), l2)
+    return np.asarray(np.abs(e) / np.sqrt(np.maximum((l2[:, :2] ** 2).sum(1) + (l1[:, :2] ** 2).sum(1), 1e-300)))
+
+
+def fundamental_matrix(left: Array, right: Array, threshold: float, seed: int = 0) -> tuple[Array, NDArray[np.bool_]] | Failed:
+    """F (3 x 3, norm 1) by MAGSAC++ (OpenCV's USAC) and its (n,) inliers, or why there is none.
+
+    `threshold` in px. Below 8 points there is no estimate: seven fit any F exactly and prove nothing.
+    """
+    if len(left) < 8:
+        return Failed(f"a fundamental matrix needs 8 homologous points, there are {len(left)}")
+    matrix, mask = _usac(cv2.findFundamentalMat, left, right, threshold, seed)
+    if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
+        return Failed("no fundamental matrix fits the homologous points")
+    matrix = matrix[:3]  # several stacked solutions may come back: the first is the best one
+    inliers = epipolar_inliers(matrix, left, right, threshold) if mask is None else mask.ravel().astype(bool)
+    if inliers.sum() < 8:
+        return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a fundamental matrix")
+    return matrix / np.linalg.norm(matrix), inliers
+
+
+def epipolar_inliers(fundamental: Array, left: Array, right: Array, threshold: float) -> NDArray[np.bool_]:
+    """(n,) whether a pair lies within `threshold` px (Sampson) of the epipolar constraint."""
+    return sampson_distance(fundamental, left, right) <= threshold
+
+
+def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tuple[Array, NDArray[np.bool_]] | Failed:
+    """H (3 x 3, H[2, 2] = 1) by MAGSAC++ and its (n,) inliers, or why there is none. `threshold` in px."""
+    if len(left) < 6:
+        return Failed(f"a homography is trusted from 6 homologous points on, there are {len(left)}")
+    matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed)
+    if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9:
+        return Failed("no homography fits the homologous points")
+    inliers = mask.ravel().astype(bool)
+    if inliers.sum() < 6:
+        return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a homography")
+    return matrix / matrix[2, 2], inliers
+
+
+def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
+    """One of OpenCV's robust estimators with MAGSAC++ scoring and a seed of ours."""
+    params = cv2.UsacParams()
+    params.score = cv2.SCORE_METHOD_MAGSAC
+    params.sampler = cv2.SAMPLING_UNIFORM
+    params.loMethod = cv2.LOCAL_OPTIM_SIGMA
+    params.final_polisher = cv2.MAGSAC
+    params.final_polisher_iterations = 3
+    params.loIterations = 10
+    params.loSampleSize = 50
+    params.neighborsSearch = cv2.NEIGH_GRID
+    params.isParallel = False
+    params.confidence = 0.9999
+    params.maxIterations = 10000
+    params.threshold = threshold
+    params.randomGeneratorState = seed
+    try:
+        return estimate(np.ascontiguousarray(left), np.ascontiguousarray(right), params)  # type: ignore[no-any-return]
+    except cv2.error:
+        return None, None

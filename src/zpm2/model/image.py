@@ -1,0 +1,33 @@
+"""A photograph as the stages want it, and where it came from."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One photograph: 8-bit RGB pixels, and what had to be done to get them.
+
+    `rgb[r, c]` covers the unit square with outer corner (c, r) and centre (c + 0.5, r + 0.5) in image coordinates.
+    """
+
+    rgb: NDArray[np.uint8]  # (h, w, 3)
+    path: str | None = None
+    notes: tuple[str, ...] = ()  # what was done to the pixels: an alpha band dropped, 16 bits stretched, ...
+
+    @property
+    def width(self) -> int:
+        return int(self.rgb.shape[1])
+
+    @property
+    def height(self) -> int:
+        return int(self.rgb.shape[0])
+
+    @cached_property
+    def gray(self) -> NDArray[np.float32]:
+        """(h, w) float32 luma (ITU-R BT.601), 0..255."""
+        weights = np.array([0.299, 0.587, 0.114], np.float32)
+        return self.rgb.astype(np.float32) @ weights

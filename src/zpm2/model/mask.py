@@ -1,0 +1,22 @@
+"""A region as pixels, kept as the crop that holds it (never as a full-image stack)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """A set of pixels of one image: `bits[r, c]` says whether pixel (x0 + c, y0 + r) belongs to it."""
+
+    x0: int  # column of the crop's first pixel
+    y0: int  # row of the crop's first pixel
+    bits: NDArray[np.bool_]  # (h, w)
+    score: float = 1.0  # the segmenter's own quality, 0..1
+    label: str | None = None
+
+    @property
+    def area(self) -> int:
+        """Number of pixels."""
+        return int(np.count_nonzero(self.bits))

@@ -1,0 +1,24 @@
+"""A polygon correspondence."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Stage = Literal["global", "local", "guided"]
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonMatch:
+    """Polygon `left` of the left image is polygon `right` of the right image."""
+
+    left: int  # id
+    right: int  # id
+    confidence: float  # 0..1, chance that the two overlap by more than half (see `local_match.confidence`)
+    cost: float  # zeta of Eq. (cost), > 0
+    dsf: int  # chi: homologous points inside both polygons
+    stage: Stage  # which stage brought the pair in
+    overlap: float = 0.0  # 0..1, IoU of the rectified left polygon with the right one
+    nodes: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    # (k, 2) homologous vertices: row (a, b) says that exterior vertex a of `left` is exterior vertex b of `right`
