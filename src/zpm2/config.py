@@ -110,12 +110,6 @@ class Config:
         return _overlay(base or Config(), values, "")
 
 
-PRESETS: dict[str, Config] = {
-    "paper": Config(),
-    "default": Config(local_match=LocalConfig(shape="overlap")),
-}
-
-
 def preset(name: str) -> Config:
     """The configuration of that name; `ConfigError` names the ones that exist."""
     if name not in PRESETS:
@@ -220,3 +214,9 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
     except (ValueError, KeyError):
         pass
     raise ConfigError(f"{name} must be of type {kind.__name__}, got '{value}'")
+
+
+PRESETS: dict[str, Config] = {
+    "paper": Config(),
+    "default": Config(local_match=LocalConfig(shape="overlap")),
+}

@@ -1,0 +1,46 @@
+"""Sets of masks at the decoder's resolution: boxes, areas, duplicates."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def pack(bits: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """(n, h, w) bool -> (n, h w / 64) words, so that an intersection is an AND and a popcount. h w divides by 64."""
+    return np.packbits(bits.reshape(len(bits), -1), axis=1).view(np.uint64)
+
+
+def boxes(bits: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n, h, w) bool, none empty -> (n, 4) first and one-past-last column and row: x0, y0, x1, y1."""
+    columns, rows = bits.any(1), bits.any(2)
+    w, h = columns.shape[1], rows.shape[1]
+    return np.stack(
+        [columns.argmax(1), rows.argmax(1), w - columns[:, ::-1].argmax(1), h - rows[:, ::-1].argmax(1)], axis=1
+    )
+
+
+def suppress(
+    packed: NDArray[np.uint64],
+    box: NDArray[np.int64],
+    area: NDArray[np.int64],
+    score: NDArray[np.float32],
+    threshold: float,
+) -> NDArray[np.intp]:
+    """Greedy non-maximum suppression on masks (not their boxes): the indices that stay, best score first.
+
+    A mask goes if its IoU with a better one that stays exceeds `threshold`. IoU is at most the ratio of the two areas,
+    so most pairs are settled without looking at a pixel.
+    """
+    order = np.argsort(-score, kind="stable")
+    alive = np.ones(len(order), bool)
+    keep = []
+    for i in order:
+        if not alive[i]:
+            continue
+        keep.append(i)
+        alive[i] = False
+        near = alive & (np.minimum(area, area[i]) > threshold * np.maximum(area, area[i]))
+        near &= (box[:, :2] < box[i, 2:]).all(1) & (box[i, :2] < box[:, 2:]).all(1)
+        rivals = np.flatnonzero(near)
+        shared = np.bitwise_count(packed[rivals] & packed[i]).sum(1, dtype=np.int64)
+        alive[rivals[shared > threshold * (area[rivals] + area[i] - shared)]] = False
+    return np.array(keep, np.intp)

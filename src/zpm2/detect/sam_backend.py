@@ -1,0 +1,183 @@
+"""What runs SAM's three networks: torch (the reference, and the GPU's way) or OpenVINO (the fast way on a CPU).
+
+OpenVINO's graphs are converted once from the torch networks and kept beside the weights, in a folder whose name holds
+everything that they depend on: the weights' hash, this file's `VERSION`, and the versions of openvino and torch.
+"""
+
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.errors import ConfigError, MissingDependency
+
+Array = NDArray[np.float32]
+Say = Callable[[str], None]
+
+VERSION = 1  # of the cut into networks; raise it when sam_network.py changes what they compute
+WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
+NETWORKS = ("image", "prompt", "mask")
+
+
+class SamBackend(Protocol):
+    """The three networks of `sam_network`, arrays in and arrays out; `image`'s result is opaque and goes to `prompt`."""
+
+    name: str
+
+    def embed(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> Array:
+        """`sam_network.PromptEmbedding`."""
+
+    def image(self, pixels: Array) -> Any:
+        """(1, 3, 1024, 1024) -> the parts that do not depend on the prompt."""
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
+        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, 256, 256)."""
+
+
+def open_backend(model: str, backend: str, device: str, say: Say) -> SamBackend:
+    """The backend that the configuration asks for ("auto": openvino on a CPU where it is installed, else torch).
+
+    `say` is told when networks are being converted, which takes half a minute once.
+    """
+    if backend == "openvino" and device != "cpu":
+        raise ConfigError(f"segment.backend openvino runs on the CPU only, the device is {device}; use --device cpu")
+    installed = find_spec("openvino") is not None
+    if backend == "openvino" and not installed:
+        raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
+    if device == "cpu" and installed and backend != "torch":
+        return OpenVinoBackend(model, say)
+    return TorchBackend(model, device)
+
+
+def load_sam(model: str) -> Any:
+    """kornia's `Sam` of that name with its released weights, in evaluation mode."""
+    from kornia.models.sam import Sam
+
+    sam = Sam.from_name(model)
+    sam.load_state_dict(weights.load_state_dict(WEIGHTS[model]), strict=True)
+    return sam.eval().requires_grad_(False)
+
+
+class TorchBackend:
+    """The networks as they are."""
+
+    name = "torch"
+
+    def __init__(self, model: str, device: str) -> None:
+        import torch
+
+        from zpm2.detect import sam_network
+
+        self.torch, self.device = torch, torch.device(device)
+        sam = load_sam(model)
+        self.embed = sam_network.PromptEmbedding.of(sam)
+        self.networks = [
+            network(sam).eval().to(self.device)
+            for network in (sam_network.ImageNetwork, sam_network.PromptNetwork, sam_network.MaskNetwork)
+        ]
+
+    def _to(self, array: Any) -> Any:
+        return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
+
+    def image(self, pixels: Array) -> Any:
+        with self.torch.inference_mode():
+            return self.networks[0](self._to(pixels))
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        with self.torch.inference_mode():
+            iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
+            return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
+        with self.torch.inference_mode():
+            logits: Array = self.networks[2](tokens[self._to(rows)], self._to(hyper)).cpu().numpy()
+        return logits
+
+
+class OpenVinoBackend:
+    """The networks converted to OpenVINO, single precision, on the CPU."""
+
+    name = "openvino"
+
+    def __init__(self, model: str, say: Say) -> None:
+        import openvino
+
+        from zpm2.detect.sam_network import PromptEmbedding
+
+        folder = _converted(model, openvino.__version__, say)
+        with np.load(folder / "embedding.npz") as arrays:
+            self.embed = PromptEmbedding(**arrays)
+        core = openvino.Core()
+        # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
+        options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+        self.networks = [core.compile_model(folder / f"{name}.xml", "CPU", options) for name in NETWORKS]
+
+    def image(self, pixels: Array) -> Any:
+        return [part.copy() for part in self.networks[0]([pixels]).values()]
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        iou, hyper, tokens = self.networks[1]([*parts, sparse]).values()
+        return iou, hyper, tokens
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
+        return self.networks[2]([tokens[rows], hyper])[0]  # type: ignore[no-any-return]
+
+
+def _converted(model: str, openvino_version: str, say: Say) -> Path:
+    """The folder with the converted networks, made now if it is not there yet."""
+    from importlib.metadata import version
+
+    name = WEIGHTS[model]
+    key = f"openvino-{VERSION}-{weights.entry(name).sha256[:12]}-{openvino_version.split('-')[0]}-{version('torch')}"
+    folder = weights.converted_dir(name, key)
+    if (folder / "embedding.npz").exists():
+        return folder
+    say(f"converting {name} to OpenVINO, once")
+    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        _convert(model, fresh)
+        shutil.rmtree(folder, ignore_errors=True)
+        fresh.rename(folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+    return folder
+
+
+def _convert(model: str, folder: Path) -> None:
+    import openvino
+    import torch
+
+    from zpm2.detect import sam_network
+
+    sam = load_sam(model)
+    with torch.inference_mode(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", torch.jit.TracerWarning)  # kornia's shape checks, constant for our one size
+        image, prompt, mask = (sam_network.ImageNetwork(sam), sam_network.PromptNetwork(sam), sam_network.MaskNetwork(sam))
+        pixels = torch.zeros(1, 3, sam_network.SIDE, sam_network.SIDE)
+        parts = image.eval()(pixels)
+        sparse = torch.zeros(2, 2, 256)
+        _, hyper, tokens = prompt.eval()(*parts, sparse)
+        graphs = (
+            openvino.convert_model(image, example_input=(pixels,)),
+            openvino.convert_model(prompt, example_input=(*parts, sparse)),
+            openvino.convert_model(mask.eval(), example_input=(tokens, hyper)),
+        )
+    for name, graph in zip(NETWORKS, graphs, strict=True):
+        openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)
+    embedding = sam_network.PromptEmbedding.of(sam)
+    np.savez(
+        folder / "embedding.npz",
+        frequencies=embedding.frequencies,
+        labels=embedding.labels,
+        padding=embedding.padding,
+    )

@@ -1,0 +1,47 @@
+"""The one place where an image becomes a network's input and its pixels become image coordinates again."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from zpm2.model import Image
+
+MULTIPLE = 32  # px: XFeat and ALIKED need it, DISK (16) and SuperPoint (8) are served by it
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image resized for a network: each side by its own exact factor, then padded to the right and below."""
+
+    pixels: torch.Tensor  # (1, 3, h, w) float32 RGB 0..1, sides multiples of `MULTIPLE`
+    scale: NDArray[np.float64]  # (2,) network px per original px, along x and y
+    content: tuple[int, int]  # (width, height) of the image without its padding, network px
+
+    def to_image(self, points: torch.Tensor) -> NDArray[np.float64]:
+        """(n, 2) network px with pixel centres at 0 -> (n, 2) original px with pixel centres at +0.5."""
+        return np.asarray((points.cpu().numpy().astype(np.float64) + 0.5) / self.scale)
+
+    def inside(self, points: torch.Tensor) -> torch.Tensor:
+        """(n,) bool: which of (n, 2) network px, centres at 0, lie on the image and not on its padding."""
+        limit = torch.tensor(self.content, device=points.device) - 0.5
+        return ((points >= -0.5) & (points <= limit)).all(1)
+
+
+def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
+    """`image` with its longer side at most `max_size` px, never enlarged; then times `zoom`, for methods that look twice.
+
+    Both sides are rounded to whole pixels, so the factors of x and y differ by less than half a pixel over the image.
+    The padding repeats the border, so that no edge appears there.
+    """
+    factor = min(1.0, max_size / max(image.width, image.height)) * zoom
+    width, height = max(1, round(image.width * factor)), max(1, round(image.height * factor))
+    rgb = image.rgb
+    if (width, height) != (image.width, image.height):
+        how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+        rgb = cv2.resize(rgb, (width, height), interpolation=how)
+    rgb = cv2.copyMakeBorder(rgb, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE)
+    pixels = torch.from_numpy(rgb).to(device).permute(2, 0, 1)[None].float() / 255.0
+    return Frame(pixels, np.array([width / image.width, height / image.height]), (width, height))

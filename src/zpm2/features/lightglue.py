@@ -1,0 +1,71 @@
+"""LightGlue (Lindenberger et al., ICCV 2023) and LighterGlue, its small version for XFeat (Potje et al., CVPR 2024).
+
+The network is kornia's, with the published settings; only the weights come from `zpm2.weights`.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from kornia.feature import LightGlue
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.features.protocol import Features
+
+SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "xfeat_lighterglue": {
+        "input_dim": 64,
+        "descriptor_dim": 96,
+        "n_layers": 6,
+        "num_heads": 1,
+        "depth_confidence": -1,
+        "width_confidence": 0.95,
+    },
+    "disk_lightglue": {"input_dim": 128},
+    "aliked_lightglue": {"input_dim": 128},
+    "superpoint_lightglue": {"input_dim": 256},
+}
+
+
+class LightGlueMatcher:
+    """Pairs features by attention; `name` is one of `SETTINGS`. Scores are the network's assignment probabilities."""
+
+    def __init__(self, name: str, device: str, progress: weights.Progress | None = None) -> None:
+        self.device = device
+        self.network = LightGlue(None, filter_threshold=0.0, **SETTINGS[name])
+        state = published_names(weights.load_state_dict(name, progress=progress))
+        state["confidence_thresholds"] = self.network.confidence_thresholds  # computed, not learned
+        self.network.load_state_dict(state, strict=True)
+        self.network.eval().to(device)
+
+    def pair(self, left: Features, right: Features) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        with torch.inference_mode():
+            out = self.network({"image0": self._input(left), "image1": self._input(right)})
+            rows, scores = out["matches"][0].cpu().numpy(), out["scores"][0].double().cpu().numpy()
+        return rows.astype(np.intp), scores
+
+    def _input(self, features: Features) -> dict[str, torch.Tensor]:
+        """Original px: LightGlue divides by the image size itself, so the resized frame is of no interest to it."""
+        return {
+            "keypoints": torch.from_numpy(features.points).float()[None].to(self.device),
+            "descriptors": torch.from_numpy(features.descriptors)[None].to(self.device),
+            "image_size": torch.tensor([features.size], device=self.device),
+        }
+
+
+def published_names(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """A published state dict with kornia's names: all of it, apart from what is no part of the network.
+
+    `self_attn.3.x` and `cross_attn.3.x` of the first release are `transformers.3.self_attn.x` now. LighterGlue's file
+    holds the matcher under `matcher.` beside a copy of XFeat under `extractor.`; SuperPoint's and DISK's hold a
+    `log_assignment.i.r` that no released code has ever read.
+    """
+    learned = {k.removeprefix("matcher."): v for k, v in state.items() if not k.startswith("extractor.")}
+    return {
+        re.sub(r"^(self_attn|cross_attn)\.(\d+)\.", r"transformers.\2.\1.", k): v
+        for k, v in learned.items()
+        if not re.fullmatch(r"log_assignment\.\d+\.r", k)
+    }

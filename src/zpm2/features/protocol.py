@@ -1,0 +1,72 @@
+"""What a point matcher is: images in, homologous points out; and the two halves of a sparse one."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.model import Image, PointMatches
+
+
+class PointMatcher(Protocol):
+    """Finds homologous points. Sparse and detector-free methods look the same from here."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in `PointsConfig.methods`."""
+        ...
+
+    def match(self, left: Image, right: Image) -> PointMatches:
+        """Homologous points in px of the original images, pixel centres at +0.5.
+
+        The same images give the same bytes. Images in which nothing is found give `PointMatches.empty()`.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Described points of one image."""
+
+    points: NDArray[np.float64]  # (n, 2) px of the original image, pixel centres at +0.5
+    descriptors: NDArray[np.float32]  # (n, d)
+    scores: NDArray[np.float64]  # (n,) the detector's own, larger is better; no common scale
+    size: tuple[int, int]  # (width, height) of the original image, px
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+class Detector(Protocol):
+    """First half of a sparse matcher: finds and describes points of one image."""
+
+    def detect(self, image: Image) -> Features: ...
+
+
+class FeatureMatcher(Protocol):
+    """Second half of a sparse matcher: decides which point of one image is which point of the other."""
+
+    def pair(self, left: Features, right: Features) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """(k, 2) rows of `left` and `right` that belong together, none used twice, and their (k,) scores 0..1.
+
+        Called only with at least one point on either side.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SparseMatcher:
+    """A detector and a matcher of what it finds."""
+
+    name: str
+    detector: Detector
+    matcher: FeatureMatcher
+
+    def match(self, left: Image, right: Image) -> PointMatches:
+        """See `PointMatcher.match`."""
+        a, b = self.detector.detect(left), self.detector.detect(right)
+        if not len(a) or not len(b):
+            return PointMatches.empty()
+        rows, scores = self.matcher.pair(a, b)
+        return PointMatches(a.points[rows[:, 0]], b.points[rows[:, 1]], scores)

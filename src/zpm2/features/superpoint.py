@@ -1,0 +1,58 @@
+"""SuperPoint (DeTone, Malisiewicz and Rabinovich, CVPR Workshops 2018), written from the publication.
+
+The layer names are those of the published weights file, which has a licence of its own that forbids commercial use.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+CELL = 8  # px, the stride of both heads
+THRESHOLD = 0.0005  # of the point probability; the paper's 0.015 leaves too few points for a learned matcher
+RADIUS = 4  # px, of non-maximum suppression, and of the border where nothing is detected
+
+
+class SuperPoint(nn.Module):
+    """A VGG-like encoder with a point head (64 positions of a cell and "none") and a descriptor head (256)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv1a, self.conv1b = _conv(1, 64), _conv(64, 64)
+        self.conv2a, self.conv2b = _conv(64, 64), _conv(64, 64)
+        self.conv3a, self.conv3b = _conv(64, 128), _conv(128, 128)
+        self.conv4a, self.conv4b = _conv(128, 128), _conv(128, 128)
+        self.convPa, self.convPb = _conv(128, 256), nn.Conv2d(256, CELL * CELL + 1, 1)
+        self.convDa, self.convDb = _conv(128, 256), nn.Conv2d(256, 256, 1)
+
+    def forward(self, gray: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(b, 1, h, w) 0..1, sides multiples of 8 -> (b, h, w) point probability, (b, 256, h / 8, w / 8) descriptors."""
+        x = F.relu(self.conv1b(F.relu(self.conv1a(gray))))
+        x = F.relu(self.conv2b(F.relu(self.conv2a(F.max_pool2d(x, 2)))))
+        x = F.relu(self.conv3b(F.relu(self.conv3a(F.max_pool2d(x, 2)))))
+        x = F.relu(self.conv4b(F.relu(self.conv4a(F.max_pool2d(x, 2)))))
+        cells = self.convPb(F.relu(self.convPa(x))).softmax(1)[:, :-1]
+        descriptors = F.normalize(self.convDb(F.relu(self.convDa(x))), dim=1)
+        return F.pixel_shuffle(cells, CELL)[:, 0], descriptors
+
+
+def extract(network: SuperPoint, gray: torch.Tensor, limit: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The `limit` best points of a (1, 1, h, w) image: (n, 2) px, centres at 0; (n, 256) unit; (n,) probability.
+
+    Points are maxima of their (2 RADIUS + 1)^2 window. Descriptors are read bilinearly (the paper: bicubically) at the
+    point itself, cell (j, i) being centred on pixel corner (8 i + 4, 8 j + 4).
+    """
+    probability, descriptors = network(gray)
+    height, width = probability.shape[1:]
+    peak = F.max_pool2d(probability, 2 * RADIUS + 1, stride=1, padding=RADIUS) == probability
+    y, x = torch.nonzero((peak & (probability > THRESHOLD))[0], as_tuple=True)
+    inner = (x >= RADIUS) & (x < width - RADIUS) & (y >= RADIUS) & (y < height - RADIUS)
+    y, x = y[inner], x[inner]
+    scores, best = torch.sort(probability[0, y, x], descending=True, stable=True)
+    points = torch.stack([x, y], 1)[best[:limit]].float()
+    grid = (points + 0.5) / points.new_tensor([width, height]) * 2.0 - 1.0
+    read = F.grid_sample(descriptors, grid[None, None], mode="bilinear", align_corners=False, padding_mode="border")
+    return points, F.normalize(read[0, :, 0].T, dim=1), scores[:limit]
+
+
+def _conv(inputs: int, outputs: int) -> nn.Conv2d:
+    return nn.Conv2d(inputs, outputs, 3, padding=1)

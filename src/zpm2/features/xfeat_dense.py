@@ -1,0 +1,96 @@
+"""XFeat semi-dense (XFeat*, Potje et al., CVPR 2024): no detector, whole cells are matched and then refined.
+
+Written around kornia's backbone rather than its `match_xfeat_star`, which gives no scores and, as the original does,
+moves only the left point, which leaves it about one pixel up and to the left of where it belongs.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.features import xfeat
+from zpm2.features.frame import frame
+from zpm2.features.xfeat import CELL
+from zpm2.model import Image, PointMatches
+
+ZOOMS = ((0.6, 0.2), (1.3, 0.8))  # size at which the image is looked at, and its share of the cells
+MIN_CONFIDENCE = 0.25  # of the refinement
+TEMPERATURE = 3.0  # of the refinement's soft-argmax
+BLOCK = 1024  # rows of the similarity matrix that are in memory at one time
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    corners: NDArray[np.float64]  # (n, 2) px of the original image, top-left corner
+    pixel: NDArray[np.float64]  # (n, 2) original px per network px
+    descriptors: torch.Tensor  # (n, 64)
+
+
+class XFeatDense:
+    """Mutual nearest cells of two images at two sizes, refined to sub-pixel on both sides.
+
+    The refinement network places the left point in its cell for a given right cell. It is asked both ways and each
+    point moves half of the way, so that what is systematic in its answer cancels. The score is the lower of the two
+    confidences (0..1, at least `MIN_CONFIDENCE`).
+    """
+
+    name = "xfeat-dense"
+
+    def __init__(
+        self, max_keypoints: int, max_size: int, device: str, progress: weights.Progress | None = None
+    ) -> None:
+        self.max_keypoints, self.max_size, self.device = max_keypoints, max_size, device
+        self.network = xfeat.load(device, progress)
+
+    def match(self, left: Image, right: Image) -> PointMatches:
+        """See `PointMatcher.match`."""
+        with torch.inference_mode():
+            a, b = self._cells(left), self._cells(right)
+            if not len(a.corners) or not len(b.corners):
+                return PointMatches.empty()
+            to_right, to_left = _nearest(a.descriptors, b.descriptors), _nearest(b.descriptors, a.descriptors)
+            i = torch.nonzero(to_left[to_right] == torch.arange(len(to_right), device=to_right.device))[:, 0]
+            j = to_right[i]
+            move_a, sure_a = self._refine(a.descriptors[i], b.descriptors[j])
+            move_b, sure_b = self._refine(b.descriptors[j], a.descriptors[i])
+        i, j = i.cpu().numpy(), j.cpu().numpy()
+        points_a = a.corners[i] + move_a / 2 * a.pixel[i]
+        points_b = b.corners[j] + move_b / 2 * b.pixel[j]
+        score = np.minimum(sure_a, sure_b)
+        good = (score >= MIN_CONFIDENCE) & _within(points_a, left) & _within(points_b, right)
+        return PointMatches(points_a, points_b, score)[good]
+
+    def _cells(self, image: Image) -> _Cells:
+        """The most reliable cells of the image at each of `ZOOMS`."""
+        corners, pixel, descriptors = [], [], []
+        for zoom, share in ZOOMS:
+            shot = frame(image, self.max_size, self.device, zoom)
+            maps, _, reliability = self.network(shot.pixels)
+            rows, columns = (-(-shot.content[k] // CELL) for k in (1, 0))  # cells that hold some of the image
+            order = torch.argsort(reliability[0, 0, :rows, :columns].flatten(), descending=True, stable=True)
+            best = order[: max(1, int(share * self.max_keypoints))]
+            at = torch.stack([best % columns, best // columns], 1).cpu().numpy() * float(CELL)
+            corners.append(at / shot.scale)
+            pixel.append(np.broadcast_to(1.0 / shot.scale, at.shape))
+            descriptors.append(maps[0, :, :rows, :columns].flatten(1).T[best])
+        return _Cells(np.concatenate(corners), np.concatenate(pixel), torch.cat(descriptors))
+
+    def _refine(self, here: torch.Tensor, there: torch.Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 2) network px from the cell's corner to the point, -4..3, and the (n,) confidence in it."""
+        weight = (self.network.fine_matcher(torch.cat([here, there], 1)) * TEMPERATURE).softmax(1)
+        steps = torch.arange(CELL, device=weight.device, dtype=weight.dtype) - CELL // 2
+        grid = weight.view(-1, CELL, CELL)  # rows y, columns x
+        move = torch.stack([grid.sum(1) @ steps, grid.sum(2) @ steps], 1)
+        return move.double().cpu().numpy(), weight.amax(1).double().cpu().numpy()
+
+
+def _nearest(query: torch.Tensor, base: torch.Tensor) -> torch.Tensor:
+    """(n,) row of `base` with the largest dot product to each row of `query`."""
+    return torch.cat([(rows @ base.T).argmax(1) for rows in query.split(BLOCK)])
+
+
+def _within(points: NDArray[np.float64], image: Image) -> NDArray[np.bool_]:
+    return np.asarray(((points >= 0) & (points <= [image.width, image.height])).all(1))

@@ -1,0 +1,57 @@
+"""From places to candidates: which right polygons lie in the final window of which left polygon (paper 3.3.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.config import GlobalConfig
+from zpm2.global_match.pyramid import Placement
+from zpm2.model import PolygonArrays
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """A sparse many-to-many relation (the paper's M in {0, 1}^(m x n)): row `left[k]` may be row `right[k]`.
+
+    Rows, not ids. Sorted by left, then right; no pair twice.
+    """
+
+    left: NDArray[np.int64]  # (c,)
+    right: NDArray[np.int64]  # (c,)
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    @staticmethod
+    def of(left: NDArray[np.int64], right: NDArray[np.int64]) -> "Candidates":
+        """Sorted, without repetitions."""
+        pairs = np.unique(np.c_[left, right].astype(np.int64).reshape(-1, 2), axis=0)
+        return Candidates(pairs[:, 0], pairs[:, 1])
+
+    def without(self, other: "Candidates") -> "Candidates":
+        """The pairs that are not in `other`."""
+        width = 1 + max(self.right.max(initial=0), other.right.max(initial=0))
+        fresh = ~np.isin(self.left * width + self.right, other.left * width + other.right)
+        return Candidates(self.left[fresh], self.right[fresh])
+
+
+def search_candidates(
+    left: PolygonArrays, right: PolygonArrays, placement: Placement, config: GlobalConfig
+) -> Candidates:
+    """Right polygons that meet W_final around each left polygon's place.
+
+    W_final is phi x phi px; with `search = fixed` (the ablation of 4.4.1) it reaches as far on each side as the shorter
+    side of the left polygon's bounding box.
+    """
+    usable = np.flatnonzero(np.isfinite(placement.centers).all(1))
+    if len(usable) == 0 or len(right) == 0:
+        return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64))
+    reach = np.full(len(usable), config.phi / 2.0)
+    if config.search == "fixed":
+        reach = (left.bounds[usable, 2:] - left.bounds[usable, :2]).min(1)
+    center = placement.centers[usable]
+    windows = shapely.box(*(center - reach[:, None]).T, *(center + reach[:, None]).T)
+    hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
+    return Candidates.of(usable[hit], row)

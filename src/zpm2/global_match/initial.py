@@ -1,0 +1,48 @@
+"""Initial matching (paper 3.3.1): F first, then H from the points near their epipolar lines."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.config import GlobalConfig
+from zpm2.errors import Failed
+from zpm2.model import PointMatches
+
+
+@dataclass(frozen=True, eq=False)
+class InitialGeometry:
+    """What the homologous points say about the pair as a whole.
+
+    Every point stays in `points`: those far from their epipolar line take no part in H but are kept (3.3.1), and
+    `consistent` says which they are.
+    """
+
+    points: PointMatches  # all of them, (n, 2) image px
+    fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
+    homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
+    consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
+    planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
+
+
+def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> InitialGeometry:
+    """F by MAGSAC++, the epipolar filter, and H by MAGSAC++ on what passes it.
+
+    The distance to the epipolar line is measured in px (Sampson), so that the threshold means the same in every pair;
+    the printed |p^T F p| <= epsilon depends on F's arbitrary scale. Without F, H is tried on all points.
+    """
+    everything = np.ones(len(points), bool)
+    fundamental = geometry.fundamental_matrix(points.left, points.right, config.epipolar_px, seed)
+    if isinstance(fundamental, Failed):
+        matrix: NDArray[np.float64] | Failed = fundamental
+        consistent = everything
+    else:
+        matrix, _ = fundamental
+        consistent = geometry.epipolar_inliers(matrix, points.left, points.right, config.epipolar_px)
+    homography = geometry.homography(points.left[consistent], points.right[consistent], config.homography_px, seed)
+    planar = np.zeros(len(points), bool)
+    if isinstance(homography, Failed):
+        return InitialGeometry(points, matrix, homography, consistent, planar)
+    planar[np.flatnonzero(consistent)[homography[1]]] = True
+    return InitialGeometry(points, matrix, homography[0], consistent, planar)

@@ -1,0 +1,191 @@
+"""Bidirectional-pyramid matching (paper 3.3.2, Algorithm 1), for all polygons of a level at once.
+
+Both images become Gaussian pyramids with factor 3 whose top level has a side of at most 200 px. At the top, the centre
+of each left polygon goes through H; there, and then level by level downwards, a 15 x 15 template around the centre is
+looked for in a window of the right image by normalised cross-correlation, within a band around the epipolar line. The
+window found at one level, mapped down, is the next level's search window. Where the paper leaves a choice:
+
+- tau = 25 is read as half a side, so that the first search window has the printed initial search range of 50 x 50.
+- The template is not cut out of the left image but sampled from it through the local affine part of H (3.3(3),
+  geometric rectification), so that a rotated or scaled pair correlates; with H near identity nothing changes.
+- The epipolar constraint is a distance in px of the level, and it chooses among the positions of the window instead of
+  rejecting the best one afterwards.
+- A template without texture, a search window outside the right image or a band that misses the window leave the centre
+  where the level above (or H) put it, and `Placement.found` says that no level confirmed it.
+
+`reference.py` beside this file is the same in plain loops, for reading and for tests.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy import fft
+
+from zpm2 import geometry
+from zpm2.config import GlobalConfig
+from zpm2.errors import Failed
+from zpm2.global_match.initial import InitialGeometry
+from zpm2.model import Image
+from zpm2.sampling import bilinear, pyramid
+
+Array = NDArray[np.float64]
+CHUNK = 512  # polygons correlated at a time: 512 x 64 x 64 complex numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the pyramid puts each of n left polygons in the right image."""
+
+    centers: Array  # (n, 2) image px of the right image, sub-pixel; NaN where not even H gives a place
+    found: NDArray[np.bool_]  # (n,) the full-resolution level confirmed the place by correlation
+    correlation: Array  # (n,) NCC at the finest level that correlated, -1..1; 0 where none did
+    outside: NDArray[np.bool_]  # (n,) the predicted place is not in the right image
+
+
+def level_count(width: int, height: int, config: GlobalConfig) -> int:
+    """How often an image is downsampled until its width or its height is at most `top_size` px."""
+    count, side = 0, min(width, height)
+    while side > config.top_size:
+        side, count = side / config.factor, count + 1
+    return count
+
+
+def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry, config: GlobalConfig) -> Placement:
+    """Carry the (n, 2) centres of left polygons, image px, to the right image by Algorithm 1."""
+    n = len(centers)
+    if isinstance(geometry_.homography, Failed):
+        predicted, jacobian = centers.copy(), np.broadcast_to(np.eye(2), (n, 2, 2))
+    else:
+        predicted = geometry.project(geometry_.homography, centers)
+        jacobian = geometry.homography_jacobian(geometry_.homography, centers)
+    outside = ~((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
+    found, correlation = np.zeros(n, bool), np.zeros(n)
+    if config.search == "fixed":
+        return Placement(predicted, found, correlation, outside)
+    levels = level_count(left.width, left.height, config)
+    left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
+    lines = None if isinstance(geometry_.fundamental, Failed) else geometry.epipolar_lines(geometry_.fundamental, centers)
+    active = np.flatnonzero(np.isfinite(predicted).all(1) & np.isfinite(jacobian).all((1, 2)))
+    window = 2 * config.tau
+    for level in range(levels, -1, -1):
+        scale = float(config.factor) ** level
+        for start in range(0, len(active), CHUNK):
+            rows = active[start : start + CHUNK]
+            line = None if lines is None else lines[rows] / [1, 1, scale]  # a x + b y + c, in px of this level
+            moved, score, ok = _search(
+                left_levels[level],
+                right_levels[level],
+                centers[rows] / scale,
+                predicted[rows] / scale,
+                jacobian[rows],
+                line,
+                window,
+                config,
+            )
+            predicted[rows] = np.where(ok[:, None], moved * scale, predicted[rows])
+            correlation[rows] = np.where(ok, score, correlation[rows])
+            found[rows] = ok
+        window = config.phi * config.factor
+    return Placement(predicted, found, correlation, outside)
+
+
+def _search(
+    left: NDArray[np.float32],
+    right: NDArray[np.float32],
+    centers: Array,
+    predicted: Array,
+    jacobian: Array,
+    lines: Array | None,
+    window: int,
+    config: GlobalConfig,
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """One level: templates around `centers` (m, 2), looked for in `window` x `window` px around `predicted` (m, 2).
+
+    Returns the places (m, 2), their NCC (m,) and whether there is one (m,). Everything in px of the level.
+    """
+    phi = config.phi
+    template = sample_templates(left, centers, jacobian, phi)
+    textured = template.std((1, 2)) >= config.min_contrast
+    window += 1 - window % 2  # odd, so that the predicted pixel is the middle one
+    pixel = np.floor(predicted).astype(np.int64)  # pixel that holds the predicted place
+    offset = np.arange(window) - window // 2
+    rows, columns = pixel[:, 1:] + offset, pixel[:, :1] + offset
+    inside_y, inside_x = (rows >= 0) & (rows < right.shape[0]), (columns >= 0) & (columns < right.shape[1])
+    area = right[
+        np.clip(rows, 0, right.shape[0] - 1)[:, :, None], np.clip(columns, 0, right.shape[1] - 1)[:, None]
+    ]  # m, window, window
+    score = correlate(area, template)
+    full_y = sliding_window_view(inside_y, phi, axis=1).all(-1)
+    full_x = sliding_window_view(inside_x, phi, axis=1).all(-1)
+    allowed = full_y[:, :, None] & full_x[:, None] & textured[:, None, None]
+    reach = np.arange(window - phi + 1) - (window - phi) // 2
+    if lines is not None:
+        x = (pixel[:, :1] + reach + 0.5)[:, None]
+        y = (pixel[:, 1:] + reach + 0.5)[:, :, None]
+        allowed &= np.abs(lines[:, 0, None, None] * x + lines[:, 1, None, None] * y + lines[:, 2, None, None]) <= config.band
+    score = np.where(allowed, score, -2.0)
+    peak, value = subpixel_peaks(score)
+    ok = value > 0
+    found = pixel + 0.5 + peak - (window - phi) // 2
+    return found, np.where(ok, value, 0.0), ok
+
+
+def sample_templates(image: NDArray[np.float32], centers: Array, jacobian: Array, phi: int) -> NDArray[np.float32]:
+    """(m, phi, phi) templates of the left image as the right image shows them: the grid of offsets goes back through
+    the local affine part of H. `centers` (m, 2) in px of the level; outside of the image the border is repeated."""
+    offset = np.arange(phi) - phi // 2
+    grid = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)  # x, y
+    determinant = np.linalg.det(jacobian)
+    sane = np.abs(determinant) > 1e-3
+    inverse = np.linalg.inv(np.where(sane[:, None, None], jacobian, np.eye(2)))
+    at = centers[:, None] - 0.5 + grid @ inverse.transpose(0, 2, 1)  # pixel centres at 0
+    return bilinear(image, at).reshape(-1, phi, phi)
+
+
+def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array:
+    """Normalised cross-correlation (Eq. R) of each template with each position of its own search area.
+
+    (m, s, s) and (m, t, t) -> (m, s - t + 1, s - t + 1), -1..1; 0 where an area has no texture. By FFT, in double
+    precision after taking out each area's mean.
+    """
+    t = template.shape[-1]
+    positions = area.shape[-1] - t + 1
+    area = area.astype(np.float64) - area.mean((1, 2), keepdims=True)
+    centred = template.astype(np.float64) - template.mean((1, 2), keepdims=True)
+    size = fft.next_fast_len(area.shape[-1], real=True)
+    product = fft.rfft2(area, (size, size)) * np.conj(fft.rfft2(centred, (size, size)))
+    numerator = fft.irfft2(product, (size, size))[:, :positions, :positions]
+    total, squares = _box_sums(area, t), _box_sums(area**2, t)
+    energy = np.maximum(squares - total**2 / t**2, 0.0) * (centred**2).sum((1, 2))[:, None, None]
+    floor = (t * t) ** 2 * 1e-6  # a thousandth of a grey level on either side
+    return np.clip(np.where(energy > floor, numerator / np.sqrt(np.maximum(energy, floor)), 0.0), -1.0, 1.0)
+
+
+def _box_sums(values: Array, t: int) -> Array:
+    total = np.zeros((len(values), values.shape[1] + 1, values.shape[2] + 1))
+    np.cumsum(np.cumsum(values, axis=1), axis=2, out=total[:, 1:, 1:])
+    return np.asarray(total[:, t:, t:] - total[:, :-t, t:] - total[:, t:, :-t] + total[:, :-t, :-t])
+
+
+def subpixel_peaks(score: Array) -> tuple[Array, Array]:
+    """The highest position of each (m, p, p) map as (m, 2) x, y with a parabola through its neighbours, and its value.
+
+    At a border of the map or of what is allowed (values under -1) the whole pixel stays.
+    """
+    m, p, _ = score.shape
+    best = score.reshape(m, -1).argmax(1)
+    y, x = np.divmod(best, p)
+    row = np.arange(m)
+    value = score[row, y, x]
+
+    def shift(before: Any, after: Any, usable: NDArray[np.bool_]) -> Array:
+        usable = usable & (before > -1.5) & (after > -1.5)
+        curvature = np.where(usable, before - 2 * value + after, -1.0)
+        return np.where(usable & (curvature < -1e-9), 0.5 * (before - after) / np.minimum(curvature, -1e-9), 0.0)
+
+    dx = shift(score[row, y, np.maximum(x - 1, 0)], score[row, y, np.minimum(x + 1, p - 1)], (x > 0) & (x < p - 1))
+    dy = shift(score[row, np.maximum(y - 1, 0), x], score[row, np.minimum(y + 1, p - 1), x], (y > 0) & (y < p - 1))
+    return np.c_[x + np.clip(dx, -0.5, 0.5), y + np.clip(dy, -0.5, 0.5)], value

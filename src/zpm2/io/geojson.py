@@ -1,0 +1,160 @@
+"""Polygons of one photograph as GeoJSON, in pixel coordinates and marked as such."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.io.files import atomic_write
+from zpm2.model import Polygon
+
+FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
+LIMIT = 1e9  # px, a coordinate beyond it is no pixel of any image
+
+Rings = list[NDArray[np.float64]]  # exterior first, then holes, each (n, 2) image px, not repeated at the end
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """One feature of a file: its polygons as they stand there, not checked for validity."""
+
+    name: str  # how a message calls it
+    parts: tuple[Rings, ...]  # one for a Polygon, several for a MultiPolygon, none for any other geometry
+    id: int | None
+    score: float
+    label: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureCollection:
+    """What `parse` found: the features, and the size of the photograph where the file says it."""
+
+    features: list[Feature]
+    size: tuple[int, int] | None  # (width, height) px
+
+
+def feature_collection(
+    polygons: Sequence[Polygon],
+    match_of: Mapping[int, tuple[int, float]] | None,
+    image_name: str,
+    width: int,
+    height: int,
+) -> dict[str, Any]:
+    """The polygons of an image of `width` x `height` px as a GeoJSON FeatureCollection in image px.
+
+    `match_of` gives (partner's id, confidence) by polygon id. GeoJSON knows geographic coordinates only, so the frame
+    is named in the member "coordinate_frame", and "crs": null (GeoJSON 2008: no reference system) is for programs that
+    would take pixels for degrees. Exteriors run counter-clockwise by their numbers, as RFC 7946 wants, y pointing down.
+    """
+    partners = match_of or {}
+    return {
+        "type": "FeatureCollection",
+        "coordinate_frame": FRAME,
+        "crs": None,
+        "image": {"name": image_name, "width": width, "height": height},
+        "features": [_feature(polygon, *partners.get(polygon.id, (None, None))) for polygon in polygons],
+    }
+
+
+def write(path: str | Path, collection: Mapping[str, Any]) -> Path:
+    """Writes a GeoJSON object, one feature a line, whole or not at all. Coordinates keep every bit."""
+    members = [
+        f"{json.dumps(name)}: {_dump(value) if name != 'features' else _lines(value)}"
+        for name, value in collection.items()
+    ]
+    return atomic_write(path, "{\n" + ",\n".join(members) + "\n}\n")
+
+
+def parse(data: Any, source: str) -> FeatureCollection:
+    """The features of a parsed GeoJSON FeatureCollection; `source` names the file in messages.
+
+    A feature's "id" stands beside its geometry or among its properties; "score" and "label" are properties. Raises
+    `InputError` for what is no FeatureCollection, for broken coordinates and for a wrong score.
+    """
+    features = data.get("features") if isinstance(data, dict) else None
+    if not isinstance(features, list) or data.get("type") != "FeatureCollection":
+        raise InputError(f"{source} is no GeoJSON FeatureCollection: write its polygons as one")
+    parsed = [_parse_feature(feature, f"feature {k} of {source}") for k, feature in enumerate(features)]
+    image = data.get("image")
+    width, height = (image.get("width"), image.get("height")) if isinstance(image, dict) else (None, None)
+    return FeatureCollection(parsed, (width, height) if isinstance(width, int) and isinstance(height, int) else None)
+
+
+def ring(values: Any, name: str) -> NDArray[np.float64]:
+    """(n, 2) float64 vertices of a list of positions (further numbers, as heights, are dropped), not repeated at the
+    end. `InputError` where a position is no pair of finite numbers; `name` says whose ring it is."""
+    try:
+        vertices = np.array([position[:2] for position in values], np.float64).reshape(len(values), 2)
+    except (TypeError, ValueError, KeyError, OverflowError) as error:
+        raise InputError(f"{name} has coordinates that are no list of [x, y] positions: correct the file") from error
+    if not (np.abs(vertices) < LIMIT).all():
+        raise InputError(f"{name} has a coordinate that is not a finite number of pixels: correct the file")
+    closed = len(vertices) > 1 and (vertices[0] == vertices[-1]).all()
+    return vertices[:-1] if closed else vertices
+
+
+def score(value: Any, name: str) -> float:
+    """A quality 0..1 from a file (1 where it has none, cut at 1: SAM predicts an IoU slightly above it at times)."""
+    if value is None:
+        return 1.0
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
+        raise InputError(f"{name} has the score {value!r}: it must be a number from 0 to 1")
+    return min(float(value), 1.0)
+
+
+def _feature(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
+    rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
+    return {
+        "type": "Feature",
+        "id": polygon.id,
+        "properties": {
+            "area": polygon.area,
+            "score": polygon.score,
+            "parent": polygon.parent,
+            "label": polygon.label,
+            "match": partner,
+            "confidence": confidence,
+        },
+        "geometry": {"type": "Polygon", "coordinates": rings},
+    }
+
+
+def _dump(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _lines(features: Sequence[Any]) -> str:
+    return "[\n" + ",\n".join(_dump(feature) for feature in features) + "\n]"
+
+
+def _parse_feature(feature: Any, name: str) -> Feature:
+    if not isinstance(feature, dict):
+        raise InputError(f"{name} is no GeoJSON feature: correct the file")
+    geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
+    if not isinstance(geometry, dict) or not isinstance(properties, dict):
+        raise InputError(f"{name} has a geometry or properties that are no objects: correct the file")
+    coordinates, kind = geometry.get("coordinates"), geometry.get("type")
+    parts = [coordinates] if kind == "Polygon" else coordinates if kind == "MultiPolygon" else []
+    if not isinstance(parts, list) or not all(isinstance(part, list) for part in parts):
+        raise InputError(f"{name} has coordinates that are no {kind}: correct the file")
+    label = properties.get("label")
+    return Feature(
+        name=name,
+        parts=tuple([ring(values, name) for values in part] for part in parts),
+        id=_id(feature.get("id", properties.get("id"))),
+        score=score(properties.get("score"), name),
+        label=None if label is None else str(label),
+    )
+
+
+def _id(value: Any) -> int | None:
+    """A whole number that is not negative, also where it is written as text (as some programs write ids)."""
+    if isinstance(value, str) and value.isdecimal():
+        return int(value)
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None

@@ -1,0 +1,19 @@
+"""How sure a match is, 0..1."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Logistic weights of: intercept, overlap of the rectified shapes, log(1 + DSF), texture correlation, area ratio.
+WEIGHTS = np.array([-4.0, 6.0, 0.4, 0.5, 1.0])
+
+
+def confidence(overlap: Array, dsf: NDArray[np.int64], texture: Array, area_ratio: Array) -> Array:
+    """(c,) chance that two matched polygons cover each other by more than half (IoU >= 0.5).
+
+    A logistic model of four pieces of evidence that do not depend on the cost's branch. Its weights were fitted once to
+    matches of real pairs with dense ground truth; `docs/confidence.md` shows the fit and how reliable it is.
+    """
+    evidence = np.c_[np.ones(len(overlap)), overlap, np.log1p(dsf), np.maximum(texture, 0.0), area_ratio]
+    return np.asarray(1.0 / (1.0 + np.exp(-(evidence @ WEIGHTS))))

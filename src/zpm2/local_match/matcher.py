@@ -1,0 +1,193 @@
+"""The local matcher (paper 3.4): evaluate candidate pairs, assign them, and match again what is left."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from zpm2.config import LocalConfig
+from zpm2.global_match import Candidates, InitialGeometry, Placement
+from zpm2.local_match import assignment, rectify, shape, texture
+from zpm2.local_match.confidence import confidence
+from zpm2.local_match.support import Support, lookup, support
+from zpm2.model import Image, PolygonArrays, PolygonMatch, Stage
+
+Array = NDArray[np.float64]
+NEIGHBORS = 5  # matched polygons whose motion predicts an unmatched one's
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known about each of c candidate pairs."""
+
+    pairs: Candidates
+    dsf: NDArray[np.int64]  # (c,) homologous points inside both
+    rectified: NDArray[np.object_]  # (c,) left polygon as the right image should show it
+    psi: Array  # (c,) 0..1, similarity of shape
+    texture: Array  # (c,) R, -1..1
+    cost: Array  # (c,) zeta
+
+
+class _Evaluator:
+    """Everything that the evidence of a pair is drawn from, prepared once per image pair."""
+
+    def __init__(
+        self,
+        images: tuple[Image, Image],
+        polygons: tuple[PolygonArrays, PolygonArrays],
+        initial: InitialGeometry,
+        placement: Placement,
+        config: LocalConfig,
+    ) -> None:
+        self.left, self.right = polygons
+        self.initial, self.placement, self.config = initial, placement, config
+        self.support: Support = support(initial.points, self.left, self.right)
+        each = np.arange(len(self.left))
+        maps = rectify.placed_maps(Candidates(each, each), self.left, placement, initial).matrices
+        reached = np.isfinite(maps).all((1, 2))
+        maps[~reached] = np.eye(3)
+        frames = rectify.rectified_shapes(self.left, each, maps)
+        frames[~reached] = shapely.Polygon()
+        identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
+        self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps), config.patch)
+        self.right_patches = texture.Patches(images[1], self.right.shapes, identity, config.patch)
+
+    def evaluate(self, pairs: Candidates) -> Evidence:
+        """The evidence of each pair, and its cost."""
+        config = self.config
+        at = lookup(np.arange(len(self.support.pairs)), self.support.pairs, pairs)
+        dsf = np.where(at >= 0, self.support.counts[np.maximum(at, 0)] if len(self.support.pairs) else 0, 0)
+        rectified = rectify.rectified_shapes(self.left, pairs.left, self._maps(pairs, at, dsf))
+        target = self.right.shapes[pairs.right]
+        if config.shape == "overlap":
+            psi = rectify.overlaps(rectified, target)
+        else:
+            psi = shape.area_ratio(shapely.area(rectified), shapely.area(target)) * self._graph(rectified, pairs)[0]
+        r = texture.correlation(self.left_patches, pairs.left, self.right_patches, pairs.right)
+        cost = assignment.matching_cost(psi, dsf, r, config.gamma, config.epsilon)
+        return Evidence(pairs, dsf, rectified, psi, r, cost)
+
+    def _maps(self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64]) -> Array:
+        """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
+        point on, the placed map otherwise."""
+        points = self.initial.points
+        matrices = rectify.placed_maps(pairs, self.left, self.placement, self.initial).matrices
+        matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
+        some = np.flatnonzero(dsf > 0)
+        if len(some) == 0:
+            return matrices
+        start, count = self.support.start[at[some]], dsf[some]
+        group = np.repeat(np.arange(len(some)), count)
+        first = np.cumsum(count) - count
+        point = self.support.point[np.arange(len(group)) - first[group] + start[group]]
+        moved = np.einsum("kij,kj->ki", matrices[some][group][:, :2, :2], points.left[point])
+        shift = np.add.reduceat(points.right[point] - moved, first, axis=0) / count[:, None]
+        matrices[some, :2, 2] = shift
+        many = count >= self.config.gamma
+        if many.any():
+            keep = many[group]
+            renumbered = (np.cumsum(many) - 1)[group[keep]]
+            fitted = rectify.fit_homographies(points, point[keep], renumbered, matrices[some[many]])
+            matrices[some[many]] = fitted
+        return matrices
+
+    def _graph(self, rectified: NDArray[np.object_], pairs: Candidates) -> tuple[Array, list[NDArray[np.int64]]]:
+        rings = [_exterior(s, self.left.polygons[i].exterior) for s, i in zip(rectified, pairs.left, strict=True)]
+        others = [self.right.polygons[j].exterior for j in pairs.right]
+        return shape.graph_similarity(rings, others, self.config.z, self.config.neighbors)
+
+    def nodes(self, evidence: Evidence, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The homologous vertices (k, 2) of the pairs `rows`."""
+        chosen = Candidates(evidence.pairs.left[rows], evidence.pairs.right[rows])
+        return self._graph(evidence.rectified[rows], chosen)[1]
+
+
+def match_polygons(
+    images: tuple[Image, Image],
+    polygons: tuple[PolygonArrays, PolygonArrays],
+    initial: InitialGeometry,
+    placement: Placement,
+    candidates: Candidates,
+    config: LocalConfig,
+) -> list[PolygonMatch]:
+    """One-to-one matches between the left and right polygons, in ascending order of left id.
+
+    First the candidates of the pyramid (`stage` "global"), assigned together. Then the polygons that stayed unmatched
+    are tried with pairs that the pyramid did not propose: those that share homologous points, and those to which the
+    motion of matched neighbours leads ("local", 3.4: re-matching of what the global stage could not resolve).
+    """
+    if len(polygons[0]) == 0 or len(polygons[1]) == 0:
+        return []
+    evaluator = _Evaluator(images, polygons, initial, placement, config)
+    first = evaluator.evaluate(candidates)
+    chosen = _assign(first, config)
+    matches = _as_matches(evaluator, first, chosen, "global")
+    again = _second_round(evaluator, candidates, first, chosen)
+    if len(again):
+        second = evaluator.evaluate(again)
+        matches += _as_matches(evaluator, second, _assign(second, config), "local")
+    return sorted(matches, key=lambda match: match.left)
+
+
+def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:
+    if config.assign == "greedy":
+        return assignment.assign_greedy(evidence.pairs, evidence.psi, evidence.cost, config.iota)
+    return assignment.assign_optimal(evidence.pairs, evidence.cost, config.iota)
+
+
+def _second_round(
+    evaluator: _Evaluator, tried: Candidates, first: Evidence, chosen: NDArray[np.int64]
+) -> Candidates:
+    """New candidate pairs among the polygons that the first round left unmatched."""
+    left, right, known = evaluator.left, evaluator.right, evaluator.support
+    free_left, free_right = np.ones(len(left), bool), np.ones(len(right), bool)
+    free_left[tried.left[chosen]] = free_right[tried.right[chosen]] = False
+    shares = known.counts >= evaluator.config.rematch_dsf
+    i, j = known.pairs.left[shares], known.pairs.right[shares]
+    if len(chosen):
+        rows = np.flatnonzero(free_left)
+        motion = right.centers[tried.right[chosen]] - left.centers[tried.left[chosen]]
+        _, near = cKDTree(left.centers[tried.left[chosen]]).query(left.centers[rows], k=min(NEIGHBORS, len(chosen)))
+        center = left.centers[rows] + np.median(motion[near.reshape(len(rows), -1)], axis=1)
+        reach = (left.bounds[rows, 2:] - left.bounds[rows, :2]).min(1, keepdims=True) / 2
+        windows = shapely.box(*(center - reach).T, *(center + reach).T)
+        hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
+        i, j = np.append(i, rows[hit]), np.append(j, row)
+    open_pairs = free_left[i] & free_right[j]
+    return Candidates.of(i[open_pairs], j[open_pairs]).without(tried)
+
+
+def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int64], stage: Stage) -> list[PolygonMatch]:
+    if len(rows) == 0:
+        return []
+    i, j = evidence.pairs.left[rows], evidence.pairs.right[rows]
+    target = evaluator.right.shapes[j]
+    overlap = rectify.overlaps(evidence.rectified[rows], target)
+    ratio = shape.area_ratio(shapely.area(evidence.rectified[rows]), shapely.area(target))
+    sure = confidence(overlap, evidence.dsf[rows], evidence.texture[rows], ratio)
+    nodes = evaluator.nodes(evidence, rows)
+    return [
+        PolygonMatch(
+            left=int(evaluator.left.ids[i[k]]),
+            right=int(evaluator.right.ids[j[k]]),
+            confidence=float(sure[k]),
+            cost=float(evidence.cost[row]),
+            dsf=int(evidence.dsf[row]),
+            stage=stage,
+            overlap=float(overlap[k]),
+            nodes=nodes[k],
+        )
+        for k, row in enumerate(rows)
+    ]
+
+
+def _exterior(rectified: shapely.Geometry, original: Array) -> Array:
+    """(n, 2) the exterior ring of a rectified polygon, vertex by vertex that of the original ring; where rectification
+    tore the polygon, the original ring itself, to which the descriptor is indifferent but for the distortion."""
+    if isinstance(rectified, shapely.Polygon) and not rectified.is_empty:
+        ring = np.asarray(shapely.get_coordinates(rectified.exterior)[:-1])
+        if len(ring) == len(original):
+            return ring
+    return original

@@ -1,0 +1,132 @@
+"""Local rectification (paper 3.4.1): a left polygon as the right image should show it.
+
+With enough homologous points inside both polygons (DSF >= gamma) a homography of the pair's own is fitted to them;
+otherwise the polygon goes to its place from the pyramid with the local affine part of the global homography.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.errors import Failed
+from zpm2.global_match import Candidates, InitialGeometry, Placement
+from zpm2.model import PointMatches, PolygonArrays
+
+Array = NDArray[np.float64]
+SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
+STEPS = 6  # of reweighting
+PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """For each of c pairs, the homography that brings the left polygon to the right image."""
+
+    matrices: Array  # (c, 3, 3), right ~ matrix @ left, image px
+    own: NDArray[np.bool_]  # (c,) fitted to points of the pair itself
+
+
+def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement, initial: InitialGeometry) -> Maps:
+    """Maps from the pyramid alone: centre to place, with the local affine part of H (identity where there is no H)."""
+    center = left.centers[candidates.left]
+    jacobian = np.broadcast_to(np.eye(2), (len(candidates), 2, 2))
+    if not isinstance(initial.homography, Failed):
+        jacobian = geometry.homography_jacobian(initial.homography, center)
+    matrices = np.zeros((len(candidates), 3, 3))
+    matrices[:, :2, :2] = jacobian
+    matrices[:, :2, 2] = placement.centers[candidates.left] - np.einsum("nij,nj->ni", jacobian, center)
+    matrices[:, 2, 2] = 1.0
+    return Maps(matrices, np.zeros(len(candidates), bool))
+
+
+def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array) -> Array:
+    """(g, 3, 3) one homography per group of points, all groups at once.
+
+    `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
+    `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
+    Linear least squares in normalised coordinates, reweighted by Cauchy weights: the median residual first, SIGMA px in
+    the end.
+    """
+    g = len(prior)
+    first = np.searchsorted(group, np.arange(g))
+    count = np.diff(np.append(first, len(group))).astype(float)
+    x, x_mean, x_size = _normalise(points.left[point], group, first, count)
+    u, u_mean, u_size = _normalise(points.right[point], group, first, count)
+    to_left, from_right = _similarity(x_mean, x_size), _inverse_similarity(u_mean, u_size)
+    start = np.linalg.inv(from_right) @ prior @ np.linalg.inv(to_left)  # the prior in normalised coordinates
+    start = (start / start[:, 2:, 2:]).reshape(g, 9)[:, :8]
+    pull = np.array([PRIOR_LINEAR] * 2 + [0] + [PRIOR_LINEAR] * 2 + [0] + [PRIOR_PROJECTIVE] * 2)
+    zero, one = np.zeros(len(x)), np.ones(len(x))
+    rows_u = np.stack([x[:, 0], x[:, 1], one, zero, zero, zero, -u[:, 0] * x[:, 0], -u[:, 0] * x[:, 1]], axis=1)
+    rows_v = np.stack([zero, zero, zero, x[:, 0], x[:, 1], one, -u[:, 1] * x[:, 0], -u[:, 1] * x[:, 1]], axis=1)
+    weight = one
+    for step in range(STEPS):
+        square = weight[:, None, None] * (rows_u[:, :, None] * rows_u[:, None] + rows_v[:, :, None] * rows_v[:, None])
+        right_side = weight[:, None] * (rows_u * u[:, :1] + rows_v * u[:, 1:])
+        normal = np.add.reduceat(square, first, axis=0) + np.diag(pull + 1e-9)
+        target = np.add.reduceat(right_side, first, axis=0) + (pull + 1e-9) * start
+        solution = np.linalg.solve(normal, target[:, :, None])[:, :, 0]
+        matrices = np.concatenate([solution, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
+        mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
+        depth = np.maximum(mapped[:, 2], 1e-3)
+        residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
+        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
+        weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
+    full = from_right @ matrices @ to_left
+    return np.asarray(full / full[:, 2:, 2:])
+
+
+def rectified_shapes(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Array) -> NDArray[np.object_]:
+    """(c,) shapely polygons: exterior and holes of polygon `rows[k]` carried by `matrices[k]`; empty where a vertex
+    would go beyond the horizon."""
+    if len(rows) == 0:
+        return np.empty(0, object)
+    coords, owner = shapely.get_coordinates(polygons.shapes[rows], return_index=True)
+    mapped = np.einsum("kij,kj->ki", matrices[owner], geometry.homogeneous(coords))
+    beyond = mapped[:, 2] <= 1e-6
+    mapped[beyond, 2] = 1.0
+    shapes = shapely.set_coordinates(polygons.shapes[rows], mapped[:, :2] / mapped[:, 2:])
+    invalid = ~shapely.is_valid(shapes)
+    shapes[invalid] = shapely.buffer(shapes[invalid], 0)
+    shapes[np.unique(owner[beyond])] = shapely.Polygon()
+    return np.asarray(shapes)
+
+
+def overlaps(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
+    """(c,) IoU of the two polygons of each row, 0..1."""
+    shared = shapely.area(shapely.intersection(first, second))
+    union = shapely.area(first) + shapely.area(second) - shared
+    return np.asarray(np.where(union > 0, shared / np.maximum(union, 1e-300), 0.0))
+
+
+def _normalise(xy: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> tuple[Array, Array, Array]:
+    """Points relative to their group's mean, in units of its root mean square radius."""
+    mean = np.add.reduceat(xy, first, axis=0) / count[:, None]
+    centred = xy - mean[group]
+    size = np.sqrt(np.add.reduceat((centred**2).sum(1), first) / count)
+    size = np.maximum(size, 1.0)
+    return centred / size[group, None], mean, size
+
+
+def _similarity(mean: Array, size: Array) -> Array:
+    matrices = np.zeros((len(mean), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = 1 / size
+    matrices[:, :2, 2] = -mean / size[:, None]
+    matrices[:, 2, 2] = 1
+    return matrices
+
+
+def _inverse_similarity(mean: Array, size: Array) -> Array:
+    matrices = np.zeros((len(mean), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = size
+    matrices[:, :2, 2] = mean
+    matrices[:, 2, 2] = 1
+    return matrices
+
+
+def _group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
+    ordered = values[np.lexsort((values, group))]
+    return ordered[first + (count.astype(np.int64) - 1) // 2]

@@ -1,0 +1,66 @@
+"""DSF, the deep-spectral factor chi (paper 3.4.2): how many homologous points two polygons share, and which."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.global_match import Candidates
+from zpm2.model import PointMatches, PolygonArrays
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Points inside pairs of polygons, sparse. Pair k owns `point[start[k] : start[k + 1]]`."""
+
+    pairs: Candidates  # every pair that shares a point, p of them
+    start: NDArray[np.int64]  # (p + 1,)
+    point: NDArray[np.int64]  # rows of the point matches
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(p,) chi of each pair."""
+        return np.diff(self.start)
+
+
+def support(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> Support:
+    """Which points lie in which pair: left end inside the left polygon and right end inside the right one.
+
+    Cost is linear in the points and in how deeply polygons are nested.
+    """
+    point_l, poly_l = _inside(points.left, left)
+    point_r, poly_r = _inside(points.right, right)
+    first, last = np.searchsorted(point_r, point_l, "left"), np.searchsorted(point_r, point_l, "right")
+    count = last - first
+    total = int(count.sum())
+    row_l = np.repeat(np.arange(len(point_l)), count)
+    row_r = np.arange(total) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+    i, j, point = poly_l[row_l], poly_r[row_r], point_l[row_l]
+    order = np.lexsort((point, j, i))
+    i, j, point = i[order], j[order], point[order]
+    new = np.ones(len(i), bool)
+    new[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
+    start = np.flatnonzero(new)
+    return Support(Candidates(i[start], j[start]), np.append(start, len(i)), point)
+
+
+def lookup(values: NDArray[np.int64], known: Candidates, asked: Candidates) -> NDArray[np.int64]:
+    """(c,) the entry of `values` (one per pair of `known`, which is sorted) for each pair of `asked`, -1 where none."""
+    width = 1 + max(known.right.max(initial=0), asked.right.max(initial=0))
+    keys = known.left * width + known.right
+    wanted = asked.left * width + asked.right
+    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+    if len(keys) == 0:
+        return np.full(len(asked), -1, np.int64)
+    return np.where(keys[at] == wanted, values[at], -1)
+
+
+def _inside(points: NDArray[np.float64], polygons: PolygonArrays) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(point, polygon) rows of every containment, sorted by point."""
+    if len(points) == 0 or len(polygons) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    shapely.prepare(polygons.shapes)
+    polygon, point = shapely.STRtree(shapely.points(points)).query(polygons.shapes, predicate="contains")
+    order = np.lexsort((polygon, point))
+    return point[order], polygon[order]

@@ -1,0 +1,180 @@
+"""The method on one screen: regions -> points -> places -> matches (paper Fig. 3). Stages are arguments."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2 import config as configuration
+from zpm2.config import Config
+from zpm2.detect.protocol import PolygonSource, Segmenter
+from zpm2.detect.vectorize import vectorize
+from zpm2.errors import ConfigError, Failed
+from zpm2.features import PointMatcher
+from zpm2.global_match import InitialGeometry, initial_geometry, place, search_candidates
+from zpm2.io.images import read_image
+from zpm2.local_match import match_polygons
+from zpm2.model import Image, Polygon, PolygonArrays
+from zpm2.result import MatchResult, Side
+
+ImageLike = str | Path | NDArray[Any] | PIL.Image.Image
+Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
+
+
+class PolygonMatcher:
+    """Finds and matches the polygons of image pairs. Loads its models once, on first use.
+
+        matcher = PolygonMatcher("paper")
+        result = matcher("left.png", "right.png")
+
+    `config` is a preset's name or a `Config`. `segmenter` replaces SAM, one for both images or a (left, right) pair;
+    `points` replaces the configured point matcher. `progress(stage, share)` and `say(text)` are told how a run gets on.
+    """
+
+    def __init__(
+        self,
+        config: Config | str = "default",
+        *,
+        segmenter: Segmenter | tuple[Segmenter, Segmenter] | None = None,
+        points: PointMatcher | None = None,
+        progress: Progress = lambda stage, share: None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.config = configuration.preset(config) if isinstance(config, str) else config
+        self.device = resolve_device(self.config.device)
+        self.progress, self.say = progress, say
+        self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
+        self._points = points
+        self._sides_done = 0
+
+    def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
+        """Match one pair. Inputs are paths, arrays (grey, RGB, 8 or 16 bit) or PIL images.
+
+        Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
+        overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.
+        """
+        config, clock = self.config, _Clock(self.progress)
+        with clock("read"):
+            images = read_image(left, "left image"), read_image(right, "right image")
+        with clock("load"):
+            segmenters, matcher = self._load()
+        with clock("detect"):
+            self._sides_done = 0
+            polygons = tuple(self._polygons(s, image) for s, image in zip(segmenters, images, strict=True))
+        with clock("points"):
+            points = matcher.match(*images)
+        with clock("global"):
+            arrays = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
+            initial = initial_geometry(points, config.global_match, config.seed)
+            placement = place(*images, arrays[0].centers, initial, config.global_match)
+            candidates = search_candidates(*arrays, placement, config.global_match)
+        with clock("local"):
+            matches = match_polygons(images, arrays, initial, placement, candidates, config.local_match)
+        sides = [Side(i.width, i.height, p, i.path, i) for i, p in zip(images, polygons, strict=True)]
+        return MatchResult(
+            left=sides[0],
+            right=sides[1],
+            matches=matches,
+            points=points,
+            fundamental=initial.fundamental,
+            homography=initial.homography,
+            config=config.to_dict(),
+            timings=clock.seconds,
+            warnings=_warnings(images, segmenters, polygons, initial, len(matches)),
+        )
+
+    def _load(self) -> tuple[tuple[Segmenter, Segmenter], PointMatcher]:
+        if self._points is None:
+            from zpm2 import features
+
+            self._points = features.create(self.config.points, self.device, self.config.seed)
+        if self._segmenters is None:
+            from zpm2.detect.sam import SamSegmenter
+
+            sam = SamSegmenter(self.config.segment, self.device, self.say, self._detect_progress)
+            sam.backend  # noqa: B018  (loads, so that the time counts as loading)
+            self._segmenters = (sam, sam)
+        return self._segmenters, self._points
+
+    def _detect_progress(self, share: float) -> None:
+        self.progress("detect", (self._sides_done + share) / 2)
+
+    def _polygons(self, segmenter: Segmenter, image: Image) -> list[Polygon]:
+        if isinstance(segmenter, PolygonSource):
+            found = segmenter.polygons(image)
+        else:
+            size = image.width, image.height
+            found = vectorize(segmenter.segment(image), self.config.vectorize, self.config.segment.min_area, size)
+        self._sides_done += 1
+        return found
+
+
+def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
+    """Match the polygons of one pair of photographs. For many pairs, keep a `PolygonMatcher`."""
+    return PolygonMatcher(config)(left, right)
+
+
+def resolve_device(name: str) -> str:
+    """ "cpu" or "cuda" for "auto", "cpu" or "cuda"; `ConfigError` for any other, and for cuda where there is none."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise ConfigError(f"unknown device '{name}'; devices are: auto, cpu, cuda")
+    if name == "cpu":
+        return name
+    import torch
+
+    if torch.cuda.is_available():
+        return "cuda"
+    if name == "cuda":
+        raise ConfigError("device cuda is not available to torch on this machine; use --device cpu")
+    return "cpu"
+
+
+class _Clock:
+    """Seconds by stage; tells `progress` when one begins and ends."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self.progress = progress
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        self.progress(stage, 0.0)
+        start = perf_counter()
+        yield
+        self.seconds[stage] = perf_counter() - start
+        self.progress(stage, 1.0)
+
+
+def _warnings(
+    images: tuple[Image, Image],
+    segmenters: tuple[Segmenter, Segmenter],
+    polygons: tuple[list[Polygon], ...],
+    initial: InitialGeometry,
+    matches: int,
+) -> list[str]:
+    sides = ("left", "right")
+    found = [f"{side} image: {note}" for side, image in zip(sides, images, strict=True) for note in image.notes]
+    noted: dict[str, None] = {}
+    for side, segmenter in zip(sides, segmenters, strict=True):
+        shared = segmenters[0] is segmenters[1]
+        noted.update({note if shared else f"{side} regions: {note}": None for note in getattr(segmenter, "notes", [])})
+    found += list(noted)
+    found += [f"no regions were found in the {s} image" for s, p in zip(sides, polygons, strict=True) if not p]
+    for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
+        if isinstance(estimate, Failed):
+            found.append(f"no {name}: {estimate.reason}")
+    total = len(initial.points)
+    agreeing = 0 if isinstance(initial.fundamental, Failed) else int(initial.consistent.sum())
+    if agreeing < max(20, 0.15 * total):
+        found.append(
+            "the photographs may not show the same scene: "
+            f"{agreeing} of {total} homologous points agree on one geometry"
+        )
+    if matches == 0:
+        found.append("no polygons were matched")
+    return found

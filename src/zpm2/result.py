@@ -1,0 +1,199 @@
+"""What a run gives back: polygons, matches, points, geometry; to files and back, and as a picture."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2._version import __version__
+from zpm2.errors import Failed, InputError
+from zpm2.io import geojson
+from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.images import read_image
+from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
+from zpm2.view.overlay import overlay
+
+SCHEMA = "zpm2-matches/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One image of the pair and everything that was found in it, matched or not."""
+
+    width: int  # px
+    height: int  # px
+    polygons: Sequence[Polygon]
+    path: str | None = None
+    image: Image | None = None  # the pixels, while they are in memory
+
+
+@dataclass(frozen=True, eq=False)
+class MatchResult:
+    """The matched pair. All coordinates are px of the original images, pixel centres at +0.5."""
+
+    left: Side
+    right: Side
+    matches: Sequence[PolygonMatch]  # one-to-one, by ascending left id
+    points: PointMatches
+    fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
+    homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
+    config: Mapping[str, Any]
+    timings: Mapping[str, float]  # stage -> seconds
+    warnings: Sequence[str] = ()
+    version: str = field(default=__version__)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `matches.json` (schema "zpm2-matches/1")."""
+        return {
+            "schema": SCHEMA,
+            "version": self.version,
+            "config": dict(self.config),
+            "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
+            "left": _side_to_dict(self.left),
+            "right": _side_to_dict(self.right),
+            "points": {
+                "left": self.points.left.tolist(),
+                "right": self.points.right.tolist(),
+                "score": self.points.score.tolist(),
+            },
+            "fundamental": _matrix_to_list(self.fundamental),
+            "homography": _matrix_to_list(self.homography),
+            "matches": [_match_to_dict(match) for match in self.matches],
+            "warnings": list(self.warnings),
+        }
+
+    def to_geojson(self) -> dict[str, dict[str, Any]]:
+        """The polygons as two GeoJSON FeatureCollections, "left" and "right", in image px, with their partners' ids."""
+        return {name: self._side_geojson(name) for name in ("left", "right")}
+
+    def _side_geojson(self, name: str) -> dict[str, Any]:
+        side: Side = getattr(self, name)
+        other = "right" if name == "left" else "left"
+        partners = {getattr(m, name): (getattr(m, other), m.confidence) for m in self.matches}
+        return geojson.feature_collection(side.polygons, partners, side.path or name, side.width, side.height)
+
+    def plot(self, max_width: int = 2400) -> PIL.Image.Image:
+        """Both images with matched polygons in the same colour and the same number; unmatched ones thin.
+
+        `InputError` for a loaded result whose photographs are no longer where they were.
+        """
+        left, right = _pixels(self.left, "left"), _pixels(self.right, "right")
+        pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width)
+        return PIL.Image.fromarray(pixels)
+
+    def save(self, directory: str | Path) -> Path:
+        """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
+
+        Each file appears whole or not at all, and matches.json comes last: where it is, the others are. `OutputError`
+        if the folder cannot be written.
+        """
+        folder = output_folder(directory)
+        for name, collection in self.to_geojson().items():
+            geojson.write(folder / f"{name}.geojson", collection)
+        picture = cv2.cvtColor(np.asarray(self.plot()), cv2.COLOR_RGB2BGR)
+        atomic_write(folder / "overlay.png", cv2.imencode(".png", picture)[1].tobytes())
+        atomic_write(folder / "matches.json", json.dumps(self.to_dict(), allow_nan=False))
+        return folder
+
+    @staticmethod
+    def load(path: str | Path) -> "MatchResult":
+        """A result from a folder that `save` wrote, or from a matches.json."""
+        path = Path(path)
+        file = path / "matches.json" if path.is_dir() else path
+        try:
+            document = json.loads(file.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"cannot read {file}: {error.strerror}; give the folder that zpm2 match wrote") from error
+        except ValueError as error:
+            raise InputError(f"{file} is no JSON: {error}; run zpm2 match again") from error
+        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+            raise InputError(f"{file} is no {SCHEMA} file; give the folder that zpm2 match wrote")
+        try:
+            return _from_dict(document)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
+
+
+def _side_to_dict(side: Side) -> dict[str, Any]:
+    polygons = [
+        {
+            "id": p.id,
+            "vertices": p.exterior.tolist(),
+            "holes": [hole.tolist() for hole in p.holes],
+            "area": p.area,
+            "score": p.score,
+            "parent": p.parent,
+            **({"label": p.label} if p.label is not None else {}),
+        }
+        for p in side.polygons
+    ]
+    return {"path": side.path, "width": side.width, "height": side.height, "polygons": polygons}
+
+
+def _match_to_dict(match: PolygonMatch) -> dict[str, Any]:
+    return {
+        "left": match.left,
+        "right": match.right,
+        "confidence": match.confidence,
+        "cost": match.cost,
+        "dsf": match.dsf,
+        "stage": match.stage,
+        "overlap": match.overlap,
+        "nodes": match.nodes.tolist(),
+    }
+
+
+def _matrix_to_list(matrix: NDArray[np.float64] | Failed) -> list[list[float]] | None:
+    return None if isinstance(matrix, Failed) else matrix.tolist()
+
+
+def _from_dict(document: Mapping[str, Any]) -> MatchResult:
+    points = {name: np.array(document["points"][name], np.float64) for name in ("left", "right", "score")}
+    return MatchResult(
+        left=_side_from_dict(document["left"]),
+        right=_side_from_dict(document["right"]),
+        matches=[
+            PolygonMatch(**{**match, "nodes": np.array(match.get("nodes", []), np.int64).reshape(-1, 2)})
+            for match in document["matches"]
+        ],
+        points=PointMatches(points["left"].reshape(-1, 2), points["right"].reshape(-1, 2), points["score"]),
+        fundamental=_matrix_from_list(document["fundamental"], "fundamental matrix"),
+        homography=_matrix_from_list(document["homography"], "homography"),
+        config=document["config"],
+        timings=document["timings"],
+        warnings=document["warnings"],
+        version=document["version"],
+    )
+
+
+def _side_from_dict(values: Mapping[str, Any]) -> Side:
+    polygons = [
+        Polygon(
+            id=p["id"],
+            exterior=np.array(p["vertices"], np.float64),
+            holes=tuple(np.array(hole, np.float64) for hole in p["holes"]),
+            score=p["score"],
+            parent=p["parent"],
+            label=p.get("label"),
+        )
+        for p in values["polygons"]
+    ]
+    return Side(values["width"], values["height"], polygons, values["path"])
+
+
+def _matrix_from_list(values: Any, name: str) -> NDArray[np.float64] | Failed:
+    return Failed(f"the run found no {name}") if values is None else np.array(values, np.float64).reshape(3, 3)
+
+
+def _pixels(side: Side, name: str) -> Image:
+    if side.image is not None:
+        return side.image
+    if side.path is None:
+        raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
+    return read_image(side.path, f"{name} image")

@@ -1,0 +1,31 @@
+"""Grey values between pixels and between scales."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+def pyramid(gray: NDArray[np.float32], levels: int, factor: int) -> list[NDArray[np.float32]]:
+    """Gaussian pyramid, full resolution first. Level k is `factor` times smaller than level k - 1 and keeps the
+    outer-corner origin: a point p of level 0 is p / factor^k."""
+    result = [gray]
+    for _ in range(levels):
+        h, w = result[-1].shape
+        blurred = cv2.GaussianBlur(result[-1], (0, 0), 0.5 * factor)
+        to_fine = np.array([[factor, 0, (factor - 1) / 2], [0, factor, (factor - 1) / 2]], np.float64)
+        size = (max(1, -(-w // factor)), max(1, -(-h // factor)))
+        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        result.append(np.asarray(cv2.warpAffine(blurred, to_fine, size, flags=how, borderMode=cv2.BORDER_REPLICATE)))
+    return result
+
+
+def bilinear(image: NDArray[np.float32], at: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(m, k, 2) places, pixel centres at 0 -> (m, k) interpolated values, the border repeated."""
+    h, w = image.shape
+    x, y = np.clip(at[..., 0], 0, w - 1), np.clip(at[..., 1], 0, h - 1)
+    x0, y0 = np.minimum(x.astype(np.int64), max(w - 2, 0)), np.minimum(y.astype(np.int64), max(h - 2, 0))
+    fx, fy = (x - x0).astype(np.float32), (y - y0).astype(np.float32)
+    x1, y1 = np.minimum(x0 + 1, w - 1), np.minimum(y0 + 1, h - 1)
+    top = image[y0, x0] * (1 - fx) + image[y0, x1] * fx
+    bottom = image[y1, x0] * (1 - fx) + image[y1, x1] * fx
+    return np.asarray(top * (1 - fy) + bottom * fy, np.float32)

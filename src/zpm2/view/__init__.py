@@ -1,0 +1,5 @@
+"""Results as pictures."""
+
+from zpm2.view.overlay import overlay
+
+__all__ = ["overlay"]

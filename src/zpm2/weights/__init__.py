@@ -1,0 +1,104 @@
+"""Pre-trained weights: what there is, where it lies, and getting it. The only part of zpm2 that touches a network.
+
+    path = weights.get("mobile_sam")              # the file, fetched and verified on first use
+    state = weights.load_state_dict("xfeat")      # its tensors
+
+A file is looked for in the user's folder (`directory`, else `ZPM2_WEIGHTS`), in the cache (`ZPM2_CACHE`, else the
+platform's cache folder), on the publisher's hub, and in a package of the registry that carries it, in this order.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zpm2.errors import WeightsError
+from zpm2.weights import licence
+from zpm2.weights.manifest import MANIFEST, Entry, entry
+from zpm2.weights.store import Progress, Status, cache_dir, converted_dir, find, status
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = [
+    "MANIFEST",
+    "Entry",
+    "Progress",
+    "Status",
+    "cache_dir",
+    "converted_dir",
+    "entry",
+    "get",
+    "load_state_dict",
+    "locate",
+    "status",
+    "verify",
+]
+
+
+def get(
+    name: str,
+    *,
+    directory: str | Path | None = None,
+    accept_licence: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """The verified file of the weights `name`, fetched into the cache if it is nowhere yet.
+
+    `directory` is a folder of the user's own copies (else `ZPM2_WEIGHTS`). `progress(bytes_done, bytes_total)` is
+    called while bytes arrive. `WeightsError`: an unknown name, a licence nobody accepted, a wrong file, no source that
+    answers, a cache that cannot be written.
+    """
+    item = entry(name)
+    licence.require(item, accept_licence)
+    path = find(item, directory)
+    if path is None:
+        from zpm2.weights.fetch import fetch
+
+        path = fetch(item, progress)
+    return path
+
+
+def locate(name: str, *, directory: str | Path | None = None) -> Path:
+    """Where the verified file of the weights `name` lies; `WeightsError` if it is not here. Nothing is fetched."""
+    path = find(entry(name), directory)
+    if path is None:
+        raise _not_here(name)
+    return path
+
+
+def verify(name: str, *, directory: str | Path | None = None) -> Path:
+    """Hash the file of the weights `name` anew; `WeightsError` if it is missing or not what the manifest says."""
+    path = find(entry(name), directory, rehash=True)
+    if path is None:
+        raise _not_here(name)
+    return path
+
+
+def load_state_dict(
+    name: str, *, directory: str | Path | None = None, progress: Progress | None = None
+) -> "dict[str, Tensor]":
+    """The tensors of the weights `name` by their names in the file, on the CPU. Fetches the file as `get` does.
+
+    Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
+    which is taken off. LighterGlue's file keeps its prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
+    """
+    import pickle
+
+    import torch
+
+    path = get(name, directory=directory, progress=progress)
+    try:
+        state = torch.load(path, weights_only=True, map_location="cpu")
+    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise WeightsError(f"{path} cannot be read as weights: {reason}") from error
+    if isinstance(state, dict) and len(state) == 1 and isinstance(inner := next(iter(state.values())), dict):
+        state = inner
+    if not isinstance(state, dict) or not all(isinstance(value, torch.Tensor) for value in state.values()):
+        raise WeightsError(f"{path} holds something else than named tensors")
+    return dict(state)
+
+
+def _not_here(name: str) -> WeightsError:
+    return WeightsError(
+        f"{entry(name).file} is neither in your weights folder nor in {cache_dir()}: run: zpm2 weights get {name}"
+    )

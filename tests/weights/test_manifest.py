@@ -1,0 +1,54 @@
+"""The list itself: complete, consistent, and as the documentation prints it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from zpm2.errors import WeightsError
+from zpm2.weights import MANIFEST, entry
+from zpm2.weights.manifest import Carrier, Hub
+
+NAMES = {
+    *("mobile_sam", "sam_vit_b", "sam_vit_l", "sam_vit_h", "xfeat", "xfeat_lighterglue", "disk", "disk_lightglue"),
+    *("aliked_n16", "aliked_n16rot", "aliked_n32", "aliked_lightglue", "superpoint", "superpoint_lightglue"),
+}
+
+
+def test_every_entry_is_complete_and_distinct():
+    assert {item.name for item in MANIFEST} == NAMES
+    for what in ("name", "file", "sha256"):
+        assert len({getattr(item, what) for item in MANIFEST}) == len(MANIFEST)
+    for item in MANIFEST:
+        assert re.fullmatch(r"[0-9a-f]{64}", item.sha256)
+        assert item.size > 1_000_000
+        assert item.sources
+        assert [type(source) for source in item.sources] in ([Hub], [Carrier], [Hub, Carrier])
+
+
+def test_only_superpoint_needs_acceptance():
+    assert {item.name for item in MANIFEST if not item.commercial_use} == {"superpoint", "superpoint_lightglue"}
+
+
+def test_unknown_name_says_what_there_is():
+    with pytest.raises(
+        WeightsError, match=r"unknown weights 'xfaet' \(did you mean 'xfeat'\?\); there are: mobile_sam"
+    ):
+        entry("xfaet")
+
+
+def test_documentation_prints_the_manifest():
+    text = (Path(__file__).parents[2] / "docs" / "weights.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if re.match(r"\| \w+ \| \S+ \| \d+ ", line)]
+    assert rows == [
+        f"| {e.name} | {e.file} | {e.size} | {e.sha256} | {e.licence} | {e.purpose} | {e.home} |" for e in MANIFEST
+    ]
+
+
+def test_import_is_light():
+    heavy = "{'torch', 'requests', 'huggingface_hub', 'pypi_simple', 'remotezip'}"
+    code = f"import sys, zpm2.weights; print({heavy} & set(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "set()"

@@ -1,0 +1,190 @@
+"""Own folder before cache, verification once, and loading."""
+
+import hashlib
+import json
+import os
+import pickle
+from pathlib import Path
+
+import pytest
+from loopback import CONTENT, Server
+
+from zpm2 import weights
+from zpm2.errors import WeightsError
+from zpm2.weights import Entry, cache_dir, store
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """A user's folder with the right file."""
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "tiny.pt").write_bytes(CONTENT)
+    return folder
+
+
+@pytest.fixture
+def hashed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The files that were hashed."""
+    seen: list[Path] = []
+    real = store.sha256_of
+    monkeypatch.setattr(store, "sha256_of", lambda path: seen.append(path) or real(path))
+    return seen
+
+
+def test_own_folder_comes_first(own: Path, hub: Server, manifest: Entry, monkeypatch: pytest.MonkeyPatch):
+    assert weights.get("tiny", directory=own) == own / "tiny.pt"
+    monkeypatch.setenv("ZPM2_WEIGHTS", str(own))
+    assert weights.get("tiny") == own / "tiny.pt"
+    assert weights.status() == [(manifest, own / "tiny.pt")]
+    assert hub.asked == []
+
+
+def test_own_folder_without_the_file_passes_on(tmp_path: Path, hub: Server, manifest: Entry):
+    assert weights.get("tiny", directory=tmp_path) == cache_dir() / "tiny.pt"
+
+
+def test_own_folder_that_does_not_exist(tmp_path: Path, manifest: Entry):
+    with pytest.raises(WeightsError, match="nowhere does not exist"):
+        weights.get("tiny", directory=tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("content", [CONTENT[::-1], b"short"])
+def test_wrong_file_in_the_own_folder_is_an_error(own: Path, hub: Server, manifest: Entry, content: bytes):
+    (own / "tiny.pt").write_bytes(content)
+    with pytest.raises(WeightsError, match=rf"tiny\.pt has .* instead of .*replace it by .*{manifest.sha256}"):
+        weights.get("tiny", directory=own)
+    assert hub.asked == []
+
+
+def test_damaged_cache_is_reported_and_fetched_again(hub: Server, manifest: Entry, caplog: pytest.LogCaptureFixture):
+    path = weights.get("tiny")
+    path.write_bytes(CONTENT[::-1])
+    os.utime(path, ns=(1, 1))
+    assert weights.get("tiny").read_bytes() == CONTENT
+    assert "fetching it again" in caplog.text
+    assert len(hub.asked) == 2
+
+
+def test_marker_spares_hashing_until_the_file_changes(own: Path, manifest: Entry, hashed: list[Path]):
+    for _ in range(3):
+        weights.get("tiny", directory=own)
+    assert len(hashed) == 1
+    os.utime(own / "tiny.pt", ns=(5, 5))
+    weights.get("tiny", directory=own)
+    assert len(hashed) == 2
+    weights.verify("tiny", directory=own)
+    assert len(hashed) == 3
+
+
+def test_marker_of_another_hash_or_unreadable_is_not_believed(own: Path, manifest: Entry, hashed: list[Path]):
+    weights.get("tiny", directory=own)
+    marker = cache_dir() / "tiny.pt.verified.json"
+    marker.write_text(json.dumps(json.loads(marker.read_text()) | {"sha256": "0" * 64}))
+    weights.get("tiny", directory=own)
+    marker.write_text("{")
+    weights.get("tiny", directory=own)
+    assert len(hashed) == 3
+
+
+def test_own_folder_works_beside_a_cache_that_cannot_be_written(
+    own: Path, manifest: Entry, hashed: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("ZPM2_CACHE", str(tmp_path / "file"))
+    assert weights.get("tiny", directory=own) == weights.get("tiny", directory=own) == own / "tiny.pt"
+    assert len(hashed) == 2
+    with pytest.raises(WeightsError, match="cannot make the folder"):
+        weights.converted_dir("tiny", "key")
+
+
+def test_verify_does_not_trust_a_marker(own: Path, manifest: Entry):
+    path = own / "tiny.pt"
+    weights.get("tiny", directory=own)
+    times = path.stat().st_atime_ns, path.stat().st_mtime_ns
+    path.write_bytes(CONTENT[::-1])
+    os.utime(path, ns=times)
+    assert weights.get("tiny", directory=own) == path
+    with pytest.raises(WeightsError, match="has sha256"):
+        weights.verify("tiny", directory=own)
+
+
+def test_verify_and_locate_fetch_nothing(hub: Server, manifest: Entry):
+    for ask in (weights.verify, weights.locate):
+        with pytest.raises(WeightsError, match="zpm2 weights get tiny"):
+            ask("tiny")
+    assert hub.asked == []
+
+
+def test_cache_is_the_platforms_unless_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    assert cache_dir() == tmp_path / "cache" / "weights"
+    monkeypatch.delenv("ZPM2_CACHE")
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: f"/caches/{name}")
+    assert cache_dir() == Path("/caches/zpm2/weights")
+
+
+def test_converted_models_lie_beside_the_weights(manifest: Entry):
+    folder = weights.converted_dir("tiny", "abc")
+    assert folder.is_dir()
+    assert folder.is_relative_to(cache_dir())
+    assert folder != weights.converted_dir("tiny", "abd")
+
+
+def put(monkeypatch: pytest.MonkeyPatch, folder: Path, content: bytes) -> None:
+    """Make `content` the manifest's only file, and lay it into `folder`."""
+    sha256 = hashlib.sha256(content).hexdigest()
+    item = Entry("tiny", "tiny.pt", len(content), sha256, "MIT", "tests", "its home", ())
+    monkeypatch.setattr("zpm2.weights.manifest.MANIFEST", (item,))
+    (folder / "tiny.pt").write_bytes(content)
+
+
+@pytest.mark.parametrize("outer", [None, "extractor"])
+def test_load_state_dict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outer: str | None):
+    import torch
+
+    state = {"a.weight": torch.arange(3.0), "a.bias": torch.zeros(1)}
+    torch.save({outer: state} if outer else state, tmp_path / "saved")
+    put(monkeypatch, tmp_path, (tmp_path / "saved").read_bytes())
+    loaded = weights.load_state_dict("tiny", directory=tmp_path)
+    assert list(loaded) == ["a.weight", "a.bias"]
+    assert loaded["a.weight"].tolist() == [0, 1, 2]
+
+
+class Trap:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, ("sprung",)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (pickle.dumps({"a": Trap()}, protocol=2), "cannot be read as weights"),
+        (b"not a pickle", "cannot be read as weights"),
+        (b"", "cannot be read as weights"),
+        (pickle.dumps([1, 2], protocol=2), "cannot be read as weights|something else than named tensors"),
+    ],
+)
+def test_load_refuses_what_is_no_state_dict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, said: str):
+    monkeypatch.chdir(tmp_path)
+    put(monkeypatch, tmp_path, content)
+    with pytest.raises(WeightsError, match=said) as caught:
+        weights.load_state_dict("tiny", directory=tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_load_refuses_other_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    import torch
+
+    torch.save({"a": 1, "b": torch.zeros(1)}, tmp_path / "saved")
+    put(monkeypatch, tmp_path, (tmp_path / "saved").read_bytes())
+    with pytest.raises(WeightsError, match="something else than named tensors"):
+        weights.load_state_dict("tiny", directory=tmp_path)
+
+
+@pytest.mark.weights
+def test_xfeat_for_real():
+    path = weights.get("xfeat")
+    assert path.stat().st_size == weights.entry("xfeat").size
+    assert weights.verify("xfeat") == path
+    assert weights.load_state_dict("xfeat")["skip1.1.weight"].shape == (24, 1, 1, 1)
