@@ -1,5 +1,6 @@
 """Isolation from the machine's own cache and network, and the loopback server as hub and registry."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def own_environment(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch:
     for name in ("ZPM2_WEIGHTS", "ZPM2_OFFLINE", "HF_HUB_OFFLINE", "PIP_EXTRA_INDEX_URL", "PIP_NO_INDEX", "PIP_CERT"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ZPM2_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("PIP_CONFIG_FILE", "/dev/null")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")  # nobody listens there
     monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple/")

@@ -45,7 +45,7 @@ class Patch:
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        n = np.cross(self.down, self.right)
+        n = np.cross(self.right, self.down)
         return np.asarray(n / np.linalg.norm(n))
 
     def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
@@ -83,9 +83,9 @@ class Ball:
 
     def _frame(self) -> NDArray[np.float64]:
         """Rows: three perpendicular unit vectors, the last one the axis, the second one away from the cameras."""
-        side = np.cross([0.0, 0.0, 1.0], self.axis)
+        side = np.cross(self.axis, [0.0, 0.0, 1.0])
         side /= np.linalg.norm(side)
-        return np.stack([side, np.cross(self.axis, side), self.axis])
+        return np.stack([side, np.cross(side, self.axis), self.axis])
 
     def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
         offset = origin - self.center.astype(ray.dtype)[:, None]

@@ -105,7 +105,7 @@ def plaster(rng: np.random.Generator, h: int, w: int, color: Color) -> Texture:
 
 def cloth(rng: np.random.Generator, h: int, w: int, ground: Color, figure: Color, border: Color) -> Texture:
     """A woven rug: borders, diamonds of changing size, threads."""
-    out = np.empty((h, w, 3), np.float32)
+    out = np.empty((h, w, 3), np.uint8)
     out[:] = ground
     for inset, color in ((0, border), (16, figure), (24, border), (52, ground)):
         out[inset : h - inset, inset : w - inset] = color
@@ -129,7 +129,7 @@ def stripes(rng: np.random.Generator, h: int, w: int, colors: tuple[Color, ...],
 
 def label(rng: np.random.Generator, h: int, w: int, ground: Color, band: Color, ink: Color, word: str) -> Texture:
     """Print on a tin or a box: a band with a word, again and again around it, and lines of small print."""
-    out = np.empty((h, w, 3), np.float32)
+    out = np.empty((h, w, 3), np.uint8)
     out[:] = ground
     out[h // 4 : h * 2 // 3] = band
     out[h // 4 - 5 : h // 4] = ink
@@ -150,6 +150,7 @@ def landscape(rng: np.random.Generator, h: int, w: int, sky: Color, hill: Color)
     height = np.linspace(0, 1, h, dtype=np.float32)[:, None]
     out = _mix(sky, (250, 235, 205), np.broadcast_to(height * 1.3, (h, w)))
     out += 16 * np.clip(noise(rng, (h, w), (30, 90), 5), 0, 3)[..., None]
+    out = _bytes(out)
     cv2.circle(out, (int(w * rng.uniform(0.2, 0.8)), h // 4), h // 11, (255, 226, 140), -1, cv2.LINE_AA)
     for k in range(5):
         crest = h * (0.42 + 0.12 * k) + h * 0.06 * noise(rng, (2, w), (2, w / 3), 5)[0]
@@ -161,7 +162,7 @@ def landscape(rng: np.random.Generator, h: int, w: int, sky: Color, hill: Color)
 
 def abstract(rng: np.random.Generator, h: int, w: int, ground: Color, colors: tuple[Color, ...]) -> Texture:
     """A print of discs and bars."""
-    out = np.empty((h, w, 3), np.float32)
+    out = np.empty((h, w, 3), np.uint8)
     out[:] = ground
     for k in range(9):
         at = (int(rng.uniform(0.12, 0.88) * w), int(rng.uniform(0.12, 0.88) * h))

@@ -100,9 +100,11 @@ def with_parents(polygons: Sequence[Polygon]) -> list[Polygon]:
         return []
     shapes = np.array([p.shape for p in polygons], object)
     areas = shapely.area(shapes)
-    child, parent = shapely.STRtree(shapes).query(shapes, predicate="intersects")
-    larger = areas[parent] > areas[child]
-    child, parent = child[larger], parent[larger]
+    child, parent = shapely.STRtree(shapes).query(shapes)
+    boxes = shapely.bounds(shapes)
+    common = np.minimum(boxes[child, 2:], boxes[parent, 2:]) - np.maximum(boxes[child, :2], boxes[parent, :2])
+    possible = (areas[parent] > areas[child]) & (common.prod(1) >= CONTAINED * areas[child])
+    child, parent = child[possible], parent[possible]
     held = shapely.area(shapely.intersection(shapes[child], shapes[parent])) >= CONTAINED * areas[child]
     child, parent = child[held], parent[held]
     order = np.lexsort((parent, areas[parent], child))

@@ -31,7 +31,7 @@ class Frame:
 
 
 def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
-    """`image` with its longer side at most `max_size` px, never enlarged; then times `zoom`, for methods that look twice.
+    """`image` with its longer side at most `max_size` px, never enlarged; then times `zoom` (for looking twice).
 
     Both sides are rounded to whole pixels, so the factors of x and y differ by less than half a pixel over the image.
     The padding repeats the border, so that no edge appears there.

@@ -26,7 +26,7 @@ class SiftDetector:
     max_keypoints: int
 
     def detect(self, image: Image) -> Features:
-        sift = cv2.SIFT_create(nfeatures=self.max_keypoints, contrastThreshold=CONTRAST, enable_precise_upscale=True)
+        sift = cv2.SIFT.create(nfeatures=self.max_keypoints, contrastThreshold=CONTRAST, enable_precise_upscale=True)
         found, raw = sift.detectAndCompute(np.rint(image.gray).astype(np.uint8), None)
         if raw is None:
             return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0), (image.width, image.height))

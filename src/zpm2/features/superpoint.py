@@ -25,7 +25,7 @@ class SuperPoint(nn.Module):
         self.convDa, self.convDb = _conv(128, 256), nn.Conv2d(256, 256, 1)
 
     def forward(self, gray: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(b, 1, h, w) 0..1, sides multiples of 8 -> (b, h, w) point probability, (b, 256, h / 8, w / 8) descriptors."""
+        """(b, 1, h, w) 0..1, sides multiples of 8 -> (b, h, w) probability, (b, 256, h / 8, w / 8) descriptors."""
         x = F.relu(self.conv1b(F.relu(self.conv1a(gray))))
         x = F.relu(self.conv2b(F.relu(self.conv2a(F.max_pool2d(x, 2)))))
         x = F.relu(self.conv3b(F.relu(self.conv3a(F.max_pool2d(x, 2)))))

@@ -56,9 +56,9 @@ class XFeatDense:
             j = to_right[i]
             move_a, sure_a = self._refine(a.descriptors[i], b.descriptors[j])
             move_b, sure_b = self._refine(b.descriptors[j], a.descriptors[i])
-        i, j = i.cpu().numpy(), j.cpu().numpy()
-        points_a = a.corners[i] + move_a / 2 * a.pixel[i]
-        points_b = b.corners[j] + move_b / 2 * b.pixel[j]
+        rows_a, rows_b = i.cpu().numpy(), j.cpu().numpy()
+        points_a = a.corners[rows_a] + move_a / 2 * a.pixel[rows_a]
+        points_b = b.corners[rows_b] + move_b / 2 * b.pixel[rows_b]
         score = np.minimum(sure_a, sure_b)
         good = (score >= MIN_CONFIDENCE) & _within(points_a, left) & _within(points_b, right)
         return PointMatches(points_a, points_b, score)[good]
@@ -89,7 +89,7 @@ class XFeatDense:
 
 def _nearest(query: torch.Tensor, base: torch.Tensor) -> torch.Tensor:
     """(n,) row of `base` with the largest dot product to each row of `query`."""
-    return torch.cat([(rows @ base.T).argmax(1) for rows in query.split(BLOCK)])
+    return torch.cat([(rows @ base.T).argmax(1) for rows in torch.split(query, BLOCK)])
 
 
 def _within(points: NDArray[np.float64], image: Image) -> NDArray[np.bool_]:

@@ -140,9 +140,9 @@ def writing(item: Entry) -> Iterator[None]:
         yield
     except OSError as error:
         raise WeightsError(
-            f"cannot write {item.name} into {cache_dir()}: {error.strerror or error}; free space there, point ZPM2_CACHE"
-            f" to a folder that can be written, or put {item.label} by hand into a folder named by --weights-dir or"
-            " ZPM2_WEIGHTS"
+            f"cannot write {item.name} into {cache_dir()}: {error.strerror or error}; free space there, point"
+            f" ZPM2_CACHE to a folder that can be written, or put {item.label} by hand into a folder named by"
+            " --weights-dir or ZPM2_WEIGHTS"
         ) from error
 
 

@@ -1,0 +1,255 @@
+"""The command line: `zpm2 match`, `demo`, `doctor`, `weights`."""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+import typer
+
+from zpm2._version import __version__
+from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.weights_cli import app as weights_app
+
+if TYPE_CHECKING:
+    from zpm2.config import Config
+    from zpm2.detect.protocol import Segmenter
+    from zpm2.result import MatchResult
+
+app = typer.Typer(
+    help="Match polygons between two overlapping photographs.", no_args_is_help=True, rich_markup_mode=None
+)
+app.add_typer(weights_app, name="weights")
+
+Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="One field; repeatable.")]
+Device = Annotated[str, typer.Option(help="auto, cpu or cuda.")]
+Seed = Annotated[int, typer.Option(help="Of everything random; the same seed gives the same bytes.")]
+WeightsDir = Annotated[Path | None, typer.Option(help="A folder with your own copies of the weights.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+
+
+def main() -> None:
+    """Entry point. Misuse prints one line and exits with 2; an interrupt exits with 130."""
+    try:
+        status = app(standalone_mode=False)
+    except Zpm2Error as error:
+        sys.exit(_complain(str(error)))
+    except click.ClickException as error:
+        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _complain(text: str) -> int:
+    print(f"zpm2: {' '.join(text.split())}", file=sys.stderr)
+    return 2
+
+
+@app.callback(invoke_without_command=True)
+def root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    """Match polygons between two overlapping photographs."""
+    if version:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command("match")
+def match_command(
+    left: Annotated[Path, typer.Argument(help="Left photograph.")],
+    right: Annotated[Path, typer.Argument(help="Right photograph.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    segmenter: Annotated[
+        str | None, typer.Option(help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).")
+    ] = None,
+    left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON of the left one.")] = None,
+    right_regions: Annotated[Path | None, typer.Option(help="The same of the right one.")] = None,
+    points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat, sift, aliked, ...")] = None,
+    device: Device = "auto",
+    seed: Seed = 0,
+    weights_dir: WeightsDir = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Match the polygons of two photographs.
+
+    Writes matches.json, left.geojson, right.geojson and overlay.png.
+    """
+    from zpm2.io.files import output_folder
+    from zpm2.pipeline import PolygonMatcher
+
+    chosen = list(settings or [])
+    if segmenter not in (None, "precomputed"):
+        chosen.append(f"segment.model={segmenter}")
+    if points is not None:
+        chosen.append(f"points.methods={points}")
+    config = _config(preset, config_file, [*chosen, f"device={device}", f"seed={seed}"])
+    own = _own_regions(segmenter, left_regions, right_regions, config)
+    _use_weights(weights_dir)
+    output_folder(out, (left, right))
+    with _progress(quiet or as_json) as (progress, say):
+        result = PolygonMatcher(config, segmenter=own, progress=progress, say=say)(left, right)
+        result.save(out)
+    _report(result, out, quiet, as_json)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")] = Path("zpm2-demo"),
+    preset: Preset = "default",
+    settings: Settings = None,
+    device: Device = "auto",
+    seed: Seed = 0,
+    weights_dir: WeightsDir = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Render a stereo pair, match it with the real models, and score the matches against the exact truth."""
+    from PIL import Image
+
+    from zpm2.demo import render_scene, score
+    from zpm2.io.files import output_folder
+    from zpm2.pipeline import PolygonMatcher
+
+    config = _config(preset, None, [*(settings or []), f"device={device}", f"seed={seed}"])
+    _use_weights(weights_dir)
+    folder = output_folder(out)
+    with _progress(quiet or as_json) as (progress, say):
+        progress("render", 0.0)
+        scene = render_scene(seed)
+        for name, pixels in (("left", scene.left), ("right", scene.right)):
+            Image.fromarray(pixels).save(folder / f"{name}.png")
+        progress("render", 1.0)
+        matcher = PolygonMatcher(config, progress=progress, say=say)
+        result = matcher(folder / "left.png", folder / "right.png")
+        result.save(folder)
+    truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
+    _report(result, folder, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
+    if not (quiet or as_json):
+        print(f"Against the exact depth: {truth.good} of {truth.scored} matches right (IoU >= 0.5), "
+              f"{truth.coverage:.0%} of the area that both cameras see is covered.")
+        print(f"Open {folder / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
+
+
+@app.command()
+def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
+    """Versions, devices, cache and weights: what to send along with a question."""
+    from zpm2.doctor import examine
+
+    _use_weights(weights_dir)
+    findings = examine()
+    if as_json:
+        print(json.dumps(findings, indent=1))
+        return
+    for section, values in findings.items():
+        print(section)
+        for name, value in values.items():
+            print(f"  {name:<24} {value}")
+
+
+def _config(preset: str, file: Path | None, settings: list[str]) -> "Config":
+    from zpm2 import config
+
+    chosen = config.preset(preset)
+    if file is not None:
+        chosen = config.load(file, chosen)
+    return config.assign(chosen, settings)
+
+
+def _own_regions(
+    segmenter: str | None, left: Path | None, right: Path | None, config: "Config"
+) -> "tuple[Segmenter, Segmenter] | None":
+    if segmenter != "precomputed" and left is None and right is None:
+        return None
+    if segmenter not in (None, "precomputed") or left is None or right is None:
+        raise ConfigError("own regions need all of: --segmenter precomputed --left-regions FILE --right-regions FILE")
+    from zpm2.detect.precomputed import PrecomputedSegmenter
+
+    sides = [PrecomputedSegmenter(path, config.vectorize, config.segment.min_area) for path in (left, right)]
+    return sides[0], sides[1]
+
+
+def _use_weights(directory: Path | None) -> None:
+    if directory is not None:
+        if not directory.is_dir():
+            raise ConfigError(f"--weights-dir {directory} is no folder")
+        os.environ["ZPM2_WEIGHTS"] = str(directory)
+
+
+@contextmanager
+def _progress(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[[str], None]]]:
+    """A bar per stage on stderr, and a voice for single lines; both mute when `silent`."""
+    if silent:
+        yield lambda stage, share: None, lambda text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True
+    ) as bars:
+        tasks: dict[str, Any] = {}
+
+        def progress(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=1.0)
+            bars.update(tasks[stage], completed=share)
+
+        yield progress, console.print
+
+
+def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    stages = {stage: sum(m.stage == stage for m in result.matches) for stage in ("global", "local", "guided")}
+    summary = {
+        "matches": len(result.matches),
+        "by_stage": {stage: count for stage, count in stages.items() if count},
+        "mean_confidence": round(sum(m.confidence for m in result.matches) / max(len(result.matches), 1), 4),
+        "left_polygons": len(result.left.polygons),
+        "right_polygons": len(result.right.polygons),
+        "points": len(result.points),
+        "seconds": {stage: round(seconds, 2) for stage, seconds in result.timings.items()},
+        "warnings": list(result.warnings),
+        "out": str(out),
+        **(more or {}),
+    }
+    if as_json:
+        print(json.dumps(summary))
+    elif not quiet:
+        _print_table(result, summary, out)
+
+
+def _print_table(result: "MatchResult", summary: dict[str, Any], out: Path) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.add_column("stage")
+    table.add_column("seconds", justify="right")
+    table.add_column("result")
+    by_stage = ", ".join(f"{count} {stage}" for stage, count in summary["by_stage"].items()) or "none"
+    found = {
+        "read": f"{result.left.width} x {result.left.height} and {result.right.width} x {result.right.height} px",
+        "detect": f"{len(result.left.polygons)} and {len(result.right.polygons)} polygons",
+        "points": f"{len(result.points)} homologous points",
+        "local": f"{len(result.matches)} matches ({by_stage}), mean confidence {summary['mean_confidence']:.2f}",
+    }
+    for stage, seconds in result.timings.items():
+        table.add_row(stage, f"{seconds:.2f}", found.get(stage, ""))
+    table.add_row("total", f"{sum(result.timings.values()):.2f}", f"in {out}")
+    Console().print(table)

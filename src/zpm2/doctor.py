@@ -1,0 +1,45 @@
+"""What this installation is and has."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from zpm2 import weights
+from zpm2._version import __version__
+
+PACKAGES = ("torch", "kornia", "openvino", "opencv-python-headless", "shapely", "numpy", "scipy", "pycocotools")
+
+
+def examine() -> dict[str, dict[str, Any]]:
+    """Versions, devices, cache and weights, as printed by `zpm2 doctor`."""
+    return {"versions": _versions(), "devices": _devices(), "weights": _weights()}
+
+
+def _versions() -> dict[str, Any]:
+    found: dict[str, Any] = {"zpm2": __version__, "python": platform.python_version(), "system": platform.platform()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _devices() -> dict[str, Any]:
+    import torch
+
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    names = ", ".join(torch.cuda.get_device_name(k) for k in range(count))
+    return {
+        "cpu": f"{os.cpu_count()} cores, {torch.get_num_threads()} threads for torch",
+        "cuda": names or "none",
+        "segmenter on the CPU": "openvino" if _versions()["openvino"] != "not installed" else "torch (slower)",
+    }
+
+
+def _weights() -> dict[str, Any]:
+    found: dict[str, Any] = {"cache": str(weights.cache_dir())}
+    for row in weights.status():
+        found[row.entry.name] = str(row.path) if row.path else "not here"
+    return found

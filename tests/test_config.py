@@ -1,0 +1,193 @@
+import dataclasses
+import json
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zpm2.config import PRESETS, Config, SegmentConfig, assign, load, preset
+from zpm2.errors import ConfigError
+
+
+def refused(setting):
+    with pytest.raises(ConfigError) as caught:
+        assign(Config(), [setting])
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_survive_json(name):
+    config = preset(name)
+    assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_paper_is_the_paper():
+    """The values of the paper's Experimental environment (4.1.3)."""
+    config = preset("paper")
+    assert (config.global_match.factor, config.global_match.top_size) == (3, 200)
+    assert (config.global_match.phi, 2 * config.global_match.tau) == (15, 50)
+    assert config.local_match.shape == "graph"
+
+
+def test_an_unknown_preset_names_those_there_are():
+    with pytest.raises(
+        ConfigError, match=r"unknown preset 'papre' \(did you mean 'paper'\?\); presets are: paper, default"
+    ):
+        preset("papre")
+
+
+def test_values_lie_over_the_base_and_leave_the_rest():
+    base = Config(segment=SegmentConfig(grid=16, nms_iou=0.5), seed=4)
+    config = Config.from_dict({"segment": {"grid": 8}, "device": "cpu"}, base)
+    assert (config.segment.grid, config.segment.nms_iou, config.seed, config.device) == (8, 0.5, 4, "cpu")
+    assert base.segment.grid == 16
+    assert Config.from_dict({}, base) == base
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("segment.grid=16", 16),
+        (" segment.grid = 16 ", 16),
+        ("segment.nms_iou=0.25", 0.25),
+        ("segment.min_area=1e3", 1000.0),
+        ("segment.min_area=7", 7.0),
+        ("segment.model=vit_b", "vit_b"),
+        ("points.methods=sift", ("sift",)),
+        ("points.methods=sift, xfeat-dense", ("sift", "xfeat-dense")),
+        ("seed=9", 9),
+        ("device=cpu", "cpu"),
+    ],
+)
+def test_set(setting, value):
+    found = assign(Config(), [setting])
+    for name in setting.partition("=")[0].strip().split("."):
+        found = getattr(found, name)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_the_last_setting_wins_and_none_is_lost():
+    config = assign(Config(), ["segment.grid=16", "seed=1", "segment.grid=8"])
+    assert (config.segment.grid, config.seed) == (8, 1)
+    assert assign(Config(), []) == Config()
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("segment.grid", "expected stage.field=value"),
+        ("segment.gird=4", "unknown option 'segment.gird' (did you mean 'grid'?)"),
+        ("segmnt.grid=4", "unknown option 'segmnt' (did you mean 'segment'?)"),
+        ("xyz=4", "unknown option 'xyz'; known here: segment"),
+        ("=4", "unknown option ''"),
+        ("segment=4", "option 'segment' is a stage; set one of its fields: model"),
+        ("segment.grid.x=4", "segment.grid must be of type int"),
+        ("segment.grid=many", "segment.grid must be of type int, got 'many'"),
+        ("segment.grid=4.5", "segment.grid must be of type int"),
+        ("segment.nms_iou=", "segment.nms_iou must be of type float"),
+        ("segment.model=vit_x", "segment.model must be one of mobile_sam, vit_b, vit_l, vit_h, got 'vit_x'"),
+        ("local_match.assign=best", "local_match.assign must be one of optimal, greedy"),
+        ("segment.grid=0", "segment.grid must be at least 1"),
+        ("segment.grid=-3", "segment.grid must be a finite number >= 0"),
+        ("segment.min_area=nan", "segment.min_area must be a finite number >= 0"),
+        ("vectorize.tolerance=inf", "vectorize.tolerance must be a finite number >= 0"),
+        ("vectorize.tolerance=-1", "vectorize.tolerance must be a finite number >= 0"),
+        ("global_match.phi=14", "global_match.phi must be odd and at least 3 px, got 14"),
+        ("global_match.phi=1", "global_match.phi must be odd and at least 3 px, got 1"),
+        ("global_match.factor=1", "global_match.factor must be at least 2"),
+        ("global_match.top_size=0", "global_match.top_size must be at least 1"),
+        ("local_match.patch=3", "local_match.patch must be at least 4 px"),
+        ("local_match.neighbors=0", "local_match.neighbors must be at least 1"),
+        ("points.max_keypoints=0", "points.max_keypoints must be at least 1"),
+    ],
+)
+def test_what_set_refuses(setting, message):
+    assert message in refused(setting)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        5,
+        {"segment": 5},
+        {"segment": {"grid": None}},
+        {"segment": {"grid": 4.5}},
+        {"segment": {"grid": "x"}},
+        {"segment": {"model": ["vit_b"]}},
+        {"points": {"methods": 5}},
+        {"points": {"methods": [5]}},
+        {"points": {"methods": []}},
+        {"device": 0},
+    ],
+)
+def test_values_of_wrong_type(values):
+    with pytest.raises(ConfigError):
+        Config.from_dict(values)
+
+
+def test_whole_floats_are_whole_numbers():
+    grid = Config.from_dict({"segment": {"grid": 16.0}}).segment.grid
+    assert grid == 16
+    assert isinstance(grid, int)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.toml", 'seed = 3\n[segment]\ngrid = 16\n[points]\nmethods = ["sift", "xfeat"]\n'),
+        ("a.json", '{"seed": 3, "segment": {"grid": 16}, "points": {"methods": ["sift", "xfeat"]}}'),
+        ("a.JSON", '{"seed": 3, "segment": {"grid": 16}, "points": {"methods": "sift,xfeat"}}'),
+    ],
+)
+def test_files(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    config = load(tmp_path / name, Config(device="cpu"))
+    assert (config.seed, config.segment.grid, config.points.methods) == (3, 16, ("sift", "xfeat"))
+    assert config.device == "cpu"
+    assert load(str(tmp_path / name)).device == "auto"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.toml", b"seed = \n = 3", "is not valid toml"),
+        ("a.json", b"{", "is not valid json"),
+        ("a.json", b"[1]", "must hold a table of stages, got list"),
+        ("a.toml", b"\xff\xfe", "is not valid toml"),
+        ("a.toml", b"sede = 3", r"unknown option 'sede' \(did you mean 'seed'\?\)"),
+        ("a.toml", b"[segment]\nmodel = 3", "segment.model must be one of"),
+    ],
+)
+def test_files_that_cannot_be_used(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(ConfigError, match="cannot read configuration"):
+            load(path)
+
+
+def test_a_configuration_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Config().seed = 4
+
+
+@given(st.integers(1, 10**6), st.floats(0, 1e6), st.integers(1, 500))
+def test_every_number_survives_set_and_dict(grid, tolerance, half):
+    settings = [f"segment.grid={grid}", f"vectorize.tolerance={tolerance!r}", f"global_match.phi={2 * half + 1}"]
+    config = assign(Config(), settings)
+    assert (config.segment.grid, config.vectorize.tolerance, config.global_match.phi) == (grid, tolerance, 2 * half + 1)
+    assert Config.from_dict(config.to_dict()) == config
+
+
+def test_configuration_and_errors_import_no_torch():
+    code = "import sys, zpm2.config, zpm2.errors, zpm2.model; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
