@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import click
 import typer
 
 from zpm2._version import __version__
@@ -24,6 +23,9 @@ app = typer.Typer(
     help="Match polygons between two overlapping photographs.", no_args_is_help=True, rich_markup_mode=None
 )
 app.add_typer(weights_app, name="weights")
+
+# Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
+UsageError = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
@@ -41,9 +43,9 @@ def main() -> None:
         status = app(standalone_mode=False)
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
-    except click.ClickException as error:
-        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))
-    except (click.Abort, KeyboardInterrupt):
+    except UsageError as error:
+        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))  # type: ignore[attr-defined]
+    except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     sys.exit(status if isinstance(status, int) else 0)
 

@@ -96,6 +96,7 @@ class Config:
         for stage in dataclasses.fields(self):
             value = getattr(self, stage.name)
             if not dataclasses.is_dataclass(value):
+                _check_range(stage.name, value)
                 continue
             for item in dataclasses.fields(value):
                 _check_range(f"{stage.name}.{item.name}", getattr(value, item.name))
@@ -161,7 +162,9 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be at least 2, got {value}")
     if name == "local_match.patch" and value < 4:
         raise ConfigError(f"{name} must be at least 4 px, got {value}")
-    if name == "points.methods" and not value:
+    if name in SHARES and value > 1:
+        raise ConfigError(f"{name} is a share from 0 to 1, got {value}")
+    if name == "points.methods" and not all(value or ("",)):
         raise ConfigError("points.methods is empty: name at least one, for example sift")
 
 
@@ -207,6 +210,8 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
     try:
         if kind is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]
+        if isinstance(value, bool) and kind is not bool:
+            raise ValueError
         if kind is int and isinstance(value, float) and not value.is_integer():
             raise ValueError
         if isinstance(value, str) or (isinstance(value, int | float) and kind in (int, float, bool)):
@@ -215,6 +220,14 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
         pass
     raise ConfigError(f"{name} must be of type {kind.__name__}, got '{value}'")
 
+
+SHARES = (
+    "segment.min_predicted_iou",
+    "segment.min_stability",
+    "segment.nms_iou",
+    "segment.max_area",
+    "points.min_score",
+)
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),

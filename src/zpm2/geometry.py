@@ -22,7 +22,7 @@ def homogeneous(points: Array) -> Array:
 
 def project(homography: Array, points: Array) -> Array:
     """(n, 2) points carried by a 3 x 3 homography. Points on or behind its horizon come back as NaN."""
-    p = homogeneous(points) @ homography.T
+    p = homogeneous(points) @ (homography / np.abs(homography).max()).T
     w = p[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(w * np.sign(homography[2, 2] or 1.0) > 1e-12, p[:, :2] / w, np.nan)
@@ -86,7 +86,7 @@ def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tu
     if len(left) < 6:
         return Failed(f"a homography is trusted from 6 homologous points on, there are {len(left)}")
     matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed)
-    if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9:
+    if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9 or not matrix[2, 2]:
         return Failed("no homography fits the homologous points")
     inliers = mask.ravel().astype(bool)
     if inliers.sum() < 6:

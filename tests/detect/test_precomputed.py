@@ -142,6 +142,14 @@ def test_coco(tmp_path):
     assert segmenter.notes == []
 
 
+def test_odd_ids_of_coco_are_no_ids(tmp_path):
+    data = coco()
+    data["annotations"][0] |= {"id": [1], "category_id": {"a": 1}}
+    data["annotations"][1] |= {"id": True, "category_id": 3}
+    segmenter = source(write(tmp_path / "coco.json", data))
+    assert [(p.id, p.label) for p in segmenter.polygons(IMAGE)] == [(0, None), (1, "roof")]
+
+
 @given(arrays(bool, (HEIGHT, WIDTH), elements=st.booleans(), fill=st.booleans()), st.integers(0, 50))
 @settings(max_examples=100, deadline=None)
 def test_compressed_run_lengths_are_those_of_pycocotools(bits, thickness):

@@ -16,8 +16,9 @@ EYE = np.array([-0.1, 1.55, 0.0])  # m, the left camera in room coordinates
 BASELINE = 0.2  # m
 FOCAL = 0.75  # focal length / image width
 LIGHTMAP = 0.04  # m, spacing of the points at which the light is computed
-SUN = np.array([1.06, 1.0, 0.9])  # colour of the window's light
-SKY = np.array([0.52, 0.55, 0.6])  # colour of the light from everywhere else
+SUN = np.array([0.86, 0.82, 0.75])  # colour of the window's light
+SKY = np.array([0.56, 0.58, 0.62])  # colour of the light from everywhere else
+BOUNCE = np.array([0.21, 0.21, 0.2])  # colour of the light that is in every corner
 NOISE = 1.5  # grey levels, standard deviation
 GAIN = 1.06  # the right camera exposes this much longer
 
@@ -70,12 +71,13 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
     surfaces = still_life(rng)
     lights = _light(surfaces, np.random.default_rng(seed))
     f, cx, cy = FOCAL * width, width / 2, height / 2
-    cameras = [_Camera(EYE + [shift, 0, 0], f, cx, cy) for shift in (0.0, BASELINE)]
+    left = _Camera(EYE, f, cx, cy)
+    right = _Camera(EYE + np.array([BASELINE, 0.0, 0.0]), f, cx, cy)
     x, y = _grid(width, height, 1, np.float64)
     images, disparities, occlusions = [], [], []
-    for camera, other, sign, gain in ((*cameras, -1, 1.0), (*cameras[::-1], 1, GAIN)):
-        colors = _photograph(surfaces, lights, camera, width, height) * gain
-        colors += NOISE * rng.standard_normal(colors.shape, np.float32)
+    for camera, other, sign in ((left, right, -1), (right, left, 1)):
+        colors = _photograph(surfaces, lights, camera, width, height) * (GAIN if camera is right else 1)
+        colors = colors + NOISE * rng.standard_normal(colors.shape, np.float32)
         images.append(np.clip(np.rint(colors), 0, 255).astype(np.uint8))
         depth, _ = _cast(surfaces, camera, x, y)
         disparity = f * BASELINE / depth
@@ -84,7 +86,18 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
         visible = (nearest > depth * (1 - 1e-6)) & (seen_at >= 0) & (seen_at < width)
         disparities.append(disparity.reshape(height, width).astype(np.float32))
         occlusions.append(~visible.reshape(height, width))
-    return Scene(*images, *disparities, *occlusions, f, BASELINE, cx, cy)
+    return Scene(
+        left=images[0],
+        right=images[1],
+        disparity=disparities[0],
+        disparity_right=disparities[1],
+        occluded=occlusions[0],
+        occluded_right=occlusions[1],
+        f=f,
+        baseline=BASELINE,
+        cx=cx,
+        cy=cy,
+    )
 
 
 def _grid(width: int, height: int, times: int, dtype: type) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -96,14 +109,15 @@ def _grid(width: int, height: int, times: int, dtype: type) -> tuple[NDArray[Any
 def _cast(
     surfaces: Sequence[Surface], camera: _Camera, x: NDArray[Any], y: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[np.int16]]:
-    """(n,) depth, m, of what is seen at each image point, and which surface it is."""
+    """(n,) depth, m, of what is seen at each image point, and which surface it is. `y` must not decrease."""
     rays = camera.rays(x, y)
     origin = camera.position.astype(x.dtype)[:, None]
     depth = np.full(len(x), np.inf, x.dtype)
     index = np.full(len(x), -1, np.int16)
     for k, surface in enumerate(surfaces):
         x0, y0, x1, y1 = camera.window(surface)
-        rows = np.flatnonzero((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))
+        first, last = np.searchsorted(y, [y0, y1])
+        rows = first + np.flatnonzero((x[first:last] >= x0) & (x[first:last] <= x1))
         t = surface.hit(origin, rays[:, rows])
         closer = t < depth[rows]
         depth[rows[closer]] = t[closer]
@@ -126,7 +140,7 @@ def _photograph(
         if len(rows):
             u, v = surface.locate(points[:, rows])
             colors[rows] = _sample(surface.texture, u, v) * _sample(lights[k], u, v)
-    return cv2.resize(colors.reshape(2 * height, 2 * width, 3), (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(colors.reshape(height, 2, width, 2, 3).mean(axis=(1, 3)), np.float32)
 
 
 def _sample(texture: NDArray[Any], u: NDArray[Any], v: NDArray[Any]) -> NDArray[np.float32]:
@@ -156,8 +170,8 @@ def _light(surfaces: Sequence[Surface], rng: np.random.Generator) -> list[NDArra
         normals.append(q.astype(np.float32))
         shapes.append((n, n))
     start, normal = np.concatenate(points, axis=1), np.concatenate(normals, axis=1)
-    light = np.zeros((start.shape[1], 3), np.float32)
-    window = np.array([-0.55, 0.85, -0.75]) + rng.uniform(-0.13, 0.13, (10, 3))
+    light = np.tile(BOUNCE.astype(np.float32), (start.shape[1], 1))
+    window = np.array([-0.5, 0.75, -0.95]) + rng.uniform(-0.13, 0.13, (10, 3))
     sky = rng.standard_normal((14, 3))
     sky[:, 1] = np.abs(sky[:, 1])
     for directions, reach, color in ((window, np.inf, SUN), (sky, 0.7, SKY)):
@@ -166,10 +180,28 @@ def _light(surfaces: Sequence[Surface], rng: np.random.Generator) -> list[NDArra
             facing = ray @ normal
             if reach < np.inf:
                 facing = 0.5 + 0.5 * facing  # light from everywhere reaches slopes that turn away
-            rows = np.flatnonzero(facing > 0)
-            free = np.ones(len(rows), bool)
-            for surface in surfaces:
-                free &= surface.hit(start[:, rows], ray[:, None]) >= reach
-            light[rows] += (facing[rows] * free)[:, None] * color.astype(np.float32) / len(directions)
+            free = _free(surfaces, start, ray, reach, facing > 0)
+            light += (facing * free)[:, None] * color.astype(np.float32) / len(directions)
     parts = np.split(light, np.cumsum([h * w for h, w in shapes])[:-1])
     return [cv2.GaussianBlur(part.reshape(h, w, 3), (3, 3), 0) for part, (h, w) in zip(parts, shapes, strict=True)]
+
+
+def _free(
+    surfaces: Sequence[Surface],
+    start: NDArray[np.float32],
+    ray: NDArray[np.float32],
+    reach: float,
+    ask: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """(n,) which of the points to `ask` about see no surface within `reach` m in the direction `ray`."""
+    free = ask.copy()
+    passed = ray @ start
+    for surface in surfaces:
+        corners = surface.corners().astype(np.float32)
+        center = corners.mean(axis=1, keepdims=True)
+        radius = float(np.linalg.norm(corners - center, axis=0).max())
+        ahead = ray @ center - passed
+        off = ((start - center) ** 2).sum(axis=0) - ahead**2
+        rows = np.flatnonzero(free & (ahead > -radius) & (ahead < reach + radius) & (off < radius**2))
+        free[rows] = surface.hit(start[:, rows], ray[:, None]) >= reach
+    return free

@@ -33,9 +33,9 @@ def still_life(rng: np.random.Generator) -> list[Surface]:
 
 
 def _room(rng: np.random.Generator) -> list[Surface]:
-    floor = wood(rng, 1900, 2600, *OAK, planks=17)
-    wall = plaster(rng, 1300, 2700, _near(rng, (176, 190, 186), 18))
-    board = wood(rng, 60, 2400, (206, 202, 192), (236, 232, 224))
+    floor = wood(rng, 1200, 2200, *OAK, planks=17)
+    wall = plaster(rng, 650, 1400, _near(rng, (186, 200, 194), 18))
+    board = wood(rng, 40, 1400, (206, 202, 192), (236, 232, 224))
     rug = cloth(rng, 560, 1000, (150, 44, 40), (222, 186, 120), (38, 48, 84))
     return [
         Patch(_at(-3.4, 0, WALL), _at(6.8, 0, 0), _at(0, 0, -3.6), floor),
@@ -56,7 +56,9 @@ def _pictures(rng: np.random.Generator) -> list[Surface]:
     for k, (x, texture) in enumerate(zip((-1.85, -0.25, 0.95), sources, strict=True)):
         height, width = texture.shape[0] / 560, texture.shape[1] / 560
         y = 1.84 + rng.uniform(-0.05, 0.05) + (0.04, 0.12, -0.02)[k]
-        patches.append(Patch(_at(x + rng.uniform(-0.05, 0.05), y, WALL - 0.03), _at(width, 0, 0), _at(0, -height, 0), texture))
+        patches.append(
+            Patch(_at(x + rng.uniform(-0.05, 0.05), y, WALL - 0.03), _at(width, 0, 0), _at(0, -height, 0), texture)
+        )
     return patches
 
 
@@ -75,7 +77,7 @@ def _blocks(rng: np.random.Generator) -> list[Surface]:
         *box((1.72, 0.86, 3.2), (0.6, 0.07, 0.56), -0.38 + turn[1], slab, slab),
         *box((0.02, 0, 3.6), (0.86, 0.46, 0.42), 0.05 + turn[2], chest, chest),
         *box((0.2, 0.46, 3.6), (0.4, 0.26, 0.24), -0.22 + turn[3], carton, plaster(rng, 120, 200, (206, 194, 168))),
-        *box((-0.92, 0, 1.86), (0.3, 0.3, 0.3), 0.62 + turn[4], cube, cube),
+        *box((-1.0, 0, 2.36), (0.3, 0.3, 0.3), 0.62 + turn[4], cube, cube),
     ]
 
 
@@ -89,10 +91,10 @@ def _vessels(rng: np.random.Generator) -> list[Surface]:
     shade = stripes(rng, 140, 480, ((240, 206, 128), (226, 168, 84)), 14)
     lid = plaster(rng, 90, 90, (188, 190, 194))
     return [
-        *_can((0.62, 0, 1.82), 0.3, 0.12, 0.12, tin, lid),
+        *_can((0.72, 0, 2.3), 0.3, 0.12, 0.12, tin, lid),
         *_can((-0.3, 0.46, 3.58), 0.27, 0.1, 0.1, tea, lid),
-        *_can((-0.42, 0, 2.62), 0.3, 0.15, 0.21, clay, stone(rng, 120, 120, (44, 32, 24), (84, 62, 46))),
-        Ball(_at(-0.42, 0.53, 2.62), 0.29, _tilted(rng), leaves(rng, 460, 920)),
+        *_can((-0.46, 0, 2.75), 0.3, 0.15, 0.21, clay, stone(rng, 120, 120, (44, 32, 24), (84, 62, 46))),
+        Ball(_at(-0.46, 0.53, 2.75), 0.29, _tilted(rng), leaves(rng, 460, 920)),
         *_can((-2.35, 0, 3.72), 0.8, 0.2, 0.17, white, marble(rng, 120, 120, (236, 232, 226), (112, 112, 122))),
         *_can((-2.35, 0.8, 3.72), 0.05, 0.16, 0.06, wood(rng, 30, 300, *WALNUT), lid),
         *_can((-2.35, 0.85, 3.72), 0.2, 0.035, 0.035, wood(rng, 60, 90, *WALNUT), lid),
@@ -104,9 +106,9 @@ def _balls(rng: np.random.Generator) -> list[Surface]:
     beach: tuple[Color, ...] = ((236, 232, 222), (206, 52, 44), (240, 190, 48), (34, 106, 168))
     green = marble(rng, 300, 600, _near(rng, (58, 118, 96), 16), (206, 226, 212))
     return [
-        Ball(_at(0.98, 0.24, 2.62), 0.24, _tilted(rng), stripes(rng, 300, 600, beach, 12)),
+        Ball(_at(1.06, 0.24, 2.85), 0.24, _tilted(rng), stripes(rng, 300, 600, beach, 12)),
         Ball(_at(-1.6, 0.63, 3.1), 0.19, _tilted(rng), globe(rng, 300, 600)),
-        Ball(_at(0.1, 0.13, 2.06), 0.13, _tilted(rng), green),
+        Ball(_at(0.16, 0.13, 2.34), 0.13, _tilted(rng), green),
     ]
 
 

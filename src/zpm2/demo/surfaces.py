@@ -5,6 +5,7 @@ run from 0 to 1 over a surface's texture, along its columns and down its rows.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,7 +19,8 @@ Points = NDArray[Any]  # (3, n) float32 or float64
 class Surface(Protocol):
     """Something that can be hit by a ray and looked at."""
 
-    texture: Texture
+    @property
+    def texture(self) -> Texture: ...
 
     def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
         """(n,) smallest t > 0 at which origin + t ray lies on the surface, infinity where there is none."""
@@ -35,7 +37,8 @@ class Surface(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle spanned by two perpendicular edges, or the ellipse in it. Its front is where `normal` points."""
+    """A rectangle spanned by two perpendicular edges, or the ellipse in it; only the side to which `normal` points is
+    seen and takes away light."""
 
     corner: NDArray[np.float64]  # (3,) m, u = v = 0
     right: NDArray[np.float64]  # (3,) m, along u
@@ -43,21 +46,24 @@ class Patch:
     texture: Texture
     round: bool = False
 
-    @property
+    @cached_property
     def normal(self) -> NDArray[np.float64]:
         n = np.cross(self.right, self.down)
         return np.asarray(n / np.linalg.norm(n))
 
     def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
         normal = self.normal.astype(ray.dtype)
+        against = normal @ ray
+        if against.min(initial=0) >= 0:
+            return np.full(np.broadcast_shapes(origin.shape, ray.shape)[1], np.inf, ray.dtype)
         with np.errstate(divide="ignore", invalid="ignore"):
-            t = (normal @ self.corner.astype(ray.dtype) - normal @ origin) / (normal @ ray)
+            t = (normal @ self.corner.astype(ray.dtype) - normal @ origin) / against
             u, v = self.locate(origin + t * ray)
             if self.round:
                 inside = (u - 0.5) ** 2 + (v - 0.5) ** 2 <= 0.25
             else:
                 inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-        return np.where(inside & (t > 1e-6), t, np.inf)
+        return np.where(inside & (t > 1e-6) & (against < 0), t, np.inf)
 
     def locate(self, points: Points) -> tuple[NDArray[Any], NDArray[Any]]:
         along, across = ((e / (e @ e)).astype(points.dtype) for e in (self.right, self.down))
@@ -153,7 +159,7 @@ class Frustum:
     def corners(self) -> Points:
         radius = max(self.lower, self.upper)
         x, y, z = np.array(np.meshgrid([-radius, radius], [0, self.height], [-radius, radius])).reshape(3, -1)
-        return self.foot[:, None] + np.stack([x, y, z])
+        return np.asarray(self.foot[:, None] + np.stack([x, y, z]))
 
 
 def box(

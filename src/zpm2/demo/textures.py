@@ -3,6 +3,9 @@
 Each function gives (h, w, 3) uint8 RGB; a texel is about 2 mm of the surface it is put on, whatever the image's size.
 """
 
+from itertools import pairwise
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +26,16 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, 
     return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), np.float32)
 
 
-def _mix(a: Color, b: Color, share: Plane) -> Plane:
+def _mix(a: Color, b: Color, share: NDArray[np.floating[Any]]) -> Plane:
     first, second = np.array(a, np.float32), np.array(b, np.float32)
     return np.asarray(first + (second - first) * np.clip(share, 0, 1)[..., None], np.float32)
 
 
-def _bytes(colors: Plane) -> Texture:
-    return np.clip(np.rint(colors), 0, 255).astype(np.uint8)
+def _bytes(colors: NDArray[np.floating[Any]]) -> Texture:
+    return np.asarray(np.clip(np.rint(colors), 0, 255), np.uint8)
 
 
-def _grain(rng: np.random.Generator, colors: Plane, strength: float) -> Texture:
+def _grain(rng: np.random.Generator, colors: NDArray[Any], strength: float) -> Texture:
     """`colors` with fine grain, the same in all channels."""
     return _bytes(colors + strength * noise(rng, colors.shape[:2], (4, 4), 2)[..., None])
 
@@ -41,7 +44,7 @@ def wood(rng: np.random.Generator, h: int, w: int, dark: Color, light: Color, pl
     """Planks along the columns, each with its own tone and its own growth rings."""
     out = np.empty((h, w, 3), np.float32)
     edges = np.linspace(0, h, planks + 1).astype(int)
-    for top, bottom in zip(edges[:-1], edges[1:], strict=True):
+    for top, bottom in pairwise(edges):
         shape = (bottom - top, w)
         across = np.linspace(0, 1, bottom - top, dtype=np.float32)[:, None] * rng.uniform(2, 5)
         rings = np.sin(2 * np.pi * (across + 0.6 * noise(rng, shape, (shape[0] / 2, 250), 3)))
@@ -115,7 +118,9 @@ def cloth(rng: np.random.Generator, h: int, w: int, ground: Color, figure: Color
             x, y = 80 + step * column + step // 2, 70 + step * row + step // 2
             size = step * rng.uniform(0.25, 0.48)
             for share, color in ((1.0, figure), (0.6, border), (0.3, ground)):
-                diamond = np.array([[x - size * share, y], [x, y - size * share], [x + size * share, y], [x, y + size * share]])
+                diamond = np.array(
+                    [[x - size * share, y], [x, y - size * share], [x + size * share, y], [x, y + size * share]]
+                )
                 cv2.fillPoly(out, [np.rint(diamond).astype(np.int32)], color)
     return _grain(rng, out * (1 + 0.07 * noise(rng, (h, w), (3, 30), 2)[..., None]), 8)
 
@@ -137,7 +142,9 @@ def label(rng: np.random.Generator, h: int, w: int, ground: Color, band: Color, 
     scale = h / 150
     step = int(24 * scale * len(word)) + 60
     for x in range(8, w, step):
-        cv2.putText(out, word, (x, int(h * 0.54)), cv2.FONT_HERSHEY_DUPLEX, scale, ink, max(1, int(2 * scale)), cv2.LINE_AA)
+        cv2.putText(
+            out, word, (x, int(h * 0.54)), cv2.FONT_HERSHEY_DUPLEX, scale, ink, max(1, int(2 * scale)), cv2.LINE_AA
+        )
         spot = (x + step // 3, h // 8)
         cv2.circle(out, spot, h // 14, tuple(float(c) for c in rng.uniform(40, 230, 3)), -1, cv2.LINE_AA)
         for line in range(h * 3 // 4, h - 6, 8):
@@ -148,15 +155,14 @@ def label(rng: np.random.Generator, h: int, w: int, ground: Color, band: Color, 
 def landscape(rng: np.random.Generator, h: int, w: int, sky: Color, hill: Color) -> Texture:
     """A painting: a sun, clouds, ranges of hills that darken towards the viewer."""
     height = np.linspace(0, 1, h, dtype=np.float32)[:, None]
-    out = _mix(sky, (250, 235, 205), np.broadcast_to(height * 1.3, (h, w)))
-    out += 16 * np.clip(noise(rng, (h, w), (30, 90), 5), 0, 3)[..., None]
-    out = _bytes(out)
+    air = _mix(sky, (250, 235, 205), np.broadcast_to(height * 1.3, (h, w)))
+    out = _bytes(air + 16 * np.clip(noise(rng, (h, w), (30, 90), 5), 0, 3)[..., None])
     cv2.circle(out, (int(w * rng.uniform(0.2, 0.8)), h // 4), h // 11, (255, 226, 140), -1, cv2.LINE_AA)
     for k in range(5):
         crest = h * (0.42 + 0.12 * k) + h * 0.06 * noise(rng, (2, w), (2, w / 3), 5)[0]
         below = np.arange(h)[:, None] > crest
         shade = np.array(hill, np.float32) * (1.35 - 0.2 * k) * (1 + 0.1 * noise(rng, (h, w), (12, 25), 4)[..., None])
-        out = np.where(below[..., None], shade, out)
+        out[below] = _bytes(shade)[below]
     return _grain(rng, out, 5)
 
 

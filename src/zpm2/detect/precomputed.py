@@ -200,18 +200,19 @@ def _from_features(path: Path, collection: geojson.FeatureCollection, image: Ima
 
 
 def _from_annotations(path: Path, data: dict[str, Any], image: Image) -> list[Region]:
-    names = {c.get("id"): str(c.get("name")) for c in _objects(data.get("categories")) if c.get("name") is not None}
+    names = {
+        str(c.get("id")): str(c.get("name")) for c in _objects(data.get("categories")) if c.get("name") is not None
+    }
     found = []
     for k, annotation in enumerate(_annotations_of(path, data, image)):
         name = f"annotation {k} of {path}"
         score = annotation.get("score", annotation.get("predicted_iou"))
-        id = annotation.get("id")
         found.append(
             Region(
                 _segmentation(annotation["segmentation"], name, image),
-                id if isinstance(id, int) and id >= 0 else None,
+                geojson.region_id(annotation.get("id")),
                 geojson.score(score, name),
-                names.get(annotation.get("category_id")),
+                names.get(str(annotation.get("category_id"))),
             )
         )
     return found

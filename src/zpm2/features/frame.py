@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from zpm2.model import Image
 
 MULTIPLE = 32  # px: XFeat and ALIKED need it, DISK (16) and SuperPoint (8) are served by it
+REACH = 17  # px, side of the neighbourhood in which there must be something to see
+FLAT = 1  # grey levels, the largest range of a neighbourhood in which there is nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,16 +20,21 @@ class Frame:
 
     pixels: torch.Tensor  # (1, 3, h, w) float32 RGB 0..1, sides multiples of `MULTIPLE`
     scale: NDArray[np.float64]  # (2,) network px per original px, along x and y
-    content: tuple[int, int]  # (width, height) of the image without its padding, network px
+    useful: torch.Tensor  # (h, w) bool: pixels of the image (not its padding) with something to see around them
 
     def to_image(self, points: torch.Tensor) -> NDArray[np.float64]:
         """(n, 2) network px with pixel centres at 0 -> (n, 2) original px with pixel centres at +0.5."""
         return np.asarray((points.cpu().numpy().astype(np.float64) + 0.5) / self.scale)
 
-    def inside(self, points: torch.Tensor) -> torch.Tensor:
-        """(n,) bool: which of (n, 2) network px, centres at 0, lie on the image and not on its padding."""
-        limit = torch.tensor(self.content, device=points.device) - 0.5
-        return ((points >= -0.5) & (points <= limit)).all(1)
+    def is_useful(self, points: torch.Tensor) -> torch.Tensor:
+        """(n,) bool: which of (n, 2) network px, centres at 0, lie on useful pixels.
+
+        Networks do report points in the middle of nothing: on padding, a blank wall, a no-data area, a burnt-out sky.
+        """
+        x, y = torch.floor(points + 0.5).long().T
+        height, width = self.useful.shape
+        on = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        return on & self.useful[y.clamp(0, height - 1), x.clamp(0, width - 1)]
 
 
 def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
@@ -42,6 +49,15 @@ def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
     if (width, height) != (image.width, image.height):
         how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
         rgb = cv2.resize(rgb, (width, height), interpolation=how)
-    rgb = cv2.copyMakeBorder(rgb, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE)
+    useful = _has_contrast(rgb)
+    below, right = -height % MULTIPLE, -width % MULTIPLE
+    rgb = cv2.copyMakeBorder(rgb, 0, below, 0, right, cv2.BORDER_REPLICATE)
     pixels = torch.from_numpy(rgb).to(device).permute(2, 0, 1)[None].float() / 255.0
-    return Frame(pixels, np.array([width / image.width, height / image.height]), (width, height))
+    scale = np.array([width / image.width, height / image.height])
+    return Frame(pixels, scale, torch.from_numpy(np.pad(useful, ((0, below), (0, right)))).to(device))
+
+
+def _has_contrast(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(h, w) where some channel of (h, w, 3) varies by more than `FLAT` within `REACH`."""
+    window = np.ones((REACH, REACH), np.uint8)
+    return np.asarray((cv2.dilate(rgb, window) - cv2.erode(rgb, window)).max(2) > FLAT)

@@ -32,7 +32,7 @@ class NetworkDetector:
         shot = frame(image, self.max_size, self.device)
         with torch.inference_mode():
             points, descriptors, scores = self.extract(shot.pixels)
-            keep = shot.inside(points)
+            keep = shot.is_useful(points)
         return Features(
             shot.to_image(points[keep]),
             np.ascontiguousarray(descriptors[keep].float().cpu().numpy()),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from numpy.typing import NDArray
 
 from zpm2 import weights
@@ -64,18 +65,20 @@ class XFeatDense:
         return PointMatches(points_a, points_b, score)[good]
 
     def _cells(self, image: Image) -> _Cells:
-        """The most reliable cells of the image at each of `ZOOMS`."""
+        """The most reliable useful cells of the image at each of `ZOOMS`."""
         corners, pixel, descriptors = [], [], []
         for zoom, share in ZOOMS:
             shot = frame(image, self.max_size, self.device, zoom)
             maps, _, reliability = self.network(shot.pixels)
-            rows, columns = (-(-shot.content[k] // CELL) for k in (1, 0))  # cells that hold some of the image
-            order = torch.argsort(reliability[0, 0, :rows, :columns].flatten(), descending=True, stable=True)
-            best = order[: max(1, int(share * self.max_keypoints))]
+            useful = F.max_pool2d(shot.useful[None].float(), CELL)[0] > 0
+            cells = torch.nonzero(useful.flatten())[:, 0]
+            order = torch.argsort(reliability.flatten()[cells], descending=True, stable=True)
+            best = cells[order[: int(share * self.max_keypoints)]]
+            columns = useful.shape[1]
             at = torch.stack([best % columns, best // columns], 1).cpu().numpy() * float(CELL)
             corners.append(at / shot.scale)
             pixel.append(np.broadcast_to(1.0 / shot.scale, at.shape))
-            descriptors.append(maps[0, :, :rows, :columns].flatten(1).T[best])
+            descriptors.append(maps[0].flatten(1).T[best])
         return _Cells(np.concatenate(corners), np.concatenate(pixel), torch.cat(descriptors))
 
     def _refine(self, here: torch.Tensor, there: torch.Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,7 +47,7 @@ class Placement:
 
 def level_count(width: int, height: int, config: GlobalConfig) -> int:
     """How often an image is downsampled until its width or its height is at most `top_size` px."""
-    count, side = 0, min(width, height)
+    count, side = 0, float(min(width, height))
     while side > config.top_size:
         side, count = side / config.factor, count + 1
     return count
@@ -61,13 +61,15 @@ def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry,
     else:
         predicted = geometry.project(geometry_.homography, centers)
         jacobian = geometry.homography_jacobian(geometry_.homography, centers)
-    outside = ~((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
+    outside = np.logical_not((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
     found, correlation = np.zeros(n, bool), np.zeros(n)
     if config.search == "fixed":
         return Placement(predicted, found, correlation, outside)
     levels = level_count(left.width, left.height, config)
     left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
-    lines = None if isinstance(geometry_.fundamental, Failed) else geometry.epipolar_lines(geometry_.fundamental, centers)
+    lines = None
+    if not isinstance(geometry_.fundamental, Failed):
+        lines = geometry.epipolar_lines(geometry_.fundamental, centers)
     active = np.flatnonzero(np.isfinite(predicted).all(1) & np.isfinite(jacobian).all((1, 2)))
     window = 2 * config.tau
     for level in range(levels, -1, -1):
@@ -125,7 +127,8 @@ def _search(
     if lines is not None:
         x = (pixel[:, :1] + reach + 0.5)[:, None]
         y = (pixel[:, 1:] + reach + 0.5)[:, :, None]
-        allowed &= np.abs(lines[:, 0, None, None] * x + lines[:, 1, None, None] * y + lines[:, 2, None, None]) <= config.band
+        a, b, c = lines.T[:, :, None, None]
+        allowed &= np.abs(a * x + b * y + c) <= config.band
     score = np.where(allowed, score, -2.0)
     peak, value = subpixel_peaks(score)
     ok = value > 0

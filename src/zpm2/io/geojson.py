@@ -108,6 +108,13 @@ def score(value: Any, name: str) -> float:
     return min(float(value), 1.0)
 
 
+def region_id(value: Any) -> int | None:
+    """A whole number that is not negative, also where it is written as text (as some programs write ids)."""
+    if isinstance(value, str) and value.isdecimal():
+        return int(value)
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
+
+
 def _feature(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
     rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
     return {
@@ -147,14 +154,7 @@ def _parse_feature(feature: Any, name: str) -> Feature:
     return Feature(
         name=name,
         parts=tuple([ring(values, name) for values in part] for part in parts),
-        id=_id(feature.get("id", properties.get("id"))),
+        id=region_id(feature.get("id", properties.get("id"))),
         score=score(properties.get("score"), name),
         label=None if label is None else str(label),
     )
-
-
-def _id(value: Any) -> int | None:
-    """A whole number that is not negative, also where it is written as text (as some programs write ids)."""
-    if isinstance(value, str) and value.isdecimal():
-        return int(value)
-    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None

@@ -51,7 +51,7 @@ class _Evaluator:
         frames = rectify.rectified_shapes(self.left, each, maps)
         frames[~reached] = shapely.Polygon()
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
-        self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps), config.patch)
+        self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps).astype(np.float64), config.patch)
         self.right_patches = texture.Patches(images[1], self.right.shapes, identity, config.patch)
 
     def evaluate(self, pairs: Candidates) -> Evidence:
@@ -137,17 +137,15 @@ def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:
     return assignment.assign_optimal(evidence.pairs, evidence.cost, config.iota)
 
 
-def _second_round(
-    evaluator: _Evaluator, tried: Candidates, first: Evidence, chosen: NDArray[np.int64]
-) -> Candidates:
+def _second_round(evaluator: _Evaluator, tried: Candidates, first: Evidence, chosen: NDArray[np.int64]) -> Candidates:
     """New candidate pairs among the polygons that the first round left unmatched."""
     left, right, known = evaluator.left, evaluator.right, evaluator.support
     free_left, free_right = np.ones(len(left), bool), np.ones(len(right), bool)
     free_left[tried.left[chosen]] = free_right[tried.right[chosen]] = False
     shares = known.counts >= evaluator.config.rematch_dsf
     i, j = known.pairs.left[shares], known.pairs.right[shares]
-    if len(chosen):
-        rows = np.flatnonzero(free_left)
+    rows = np.flatnonzero(free_left)
+    if len(rows) and len(chosen):
         motion = right.centers[tried.right[chosen]] - left.centers[tried.left[chosen]]
         _, near = cKDTree(left.centers[tried.left[chosen]]).query(left.centers[rows], k=min(NEIGHBORS, len(chosen)))
         center = left.centers[rows] + np.median(motion[near.reshape(len(rows), -1)], axis=1)

@@ -48,7 +48,8 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
     `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
     `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
     Linear least squares in normalised coordinates, reweighted by Cauchy weights: the median residual first, SIGMA px in
-    the end.
+    the end. Each matrix is scaled so that a group's own mean has depth 1: the sign of matrix[2, 2], the depth of the
+    image's corner, says nothing about a small polygon far from it.
     """
     g = len(prior)
     first = np.searchsorted(group, np.arange(g))
@@ -75,8 +76,7 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
         residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
         sigma = SIGMA if step >= 2 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
         weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
-    full = from_right @ matrices @ to_left
-    return np.asarray(full / full[:, 2:, 2:])
+    return np.asarray(from_right @ matrices @ to_left)
 
 
 def rectified_shapes(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Array) -> NDArray[np.object_]:
@@ -102,7 +102,9 @@ def overlaps(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
     return np.asarray(np.where(union > 0, shared / np.maximum(union, 1e-300), 0.0))
 
 
-def _normalise(xy: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> tuple[Array, Array, Array]:
+def _normalise(
+    xy: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array
+) -> tuple[Array, Array, Array]:
     """Points relative to their group's mean, in units of its root mean square radius."""
     mean = np.add.reduceat(xy, first, axis=0) / count[:, None]
     centred = xy - mean[group]
@@ -129,4 +131,4 @@ def _inverse_similarity(mean: Array, size: Array) -> Array:
 
 def _group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
     ordered = values[np.lexsort((values, group))]
-    return ordered[first + (count.astype(np.int64) - 1) // 2]
+    return np.asarray(ordered[first + (count.astype(np.int64) - 1) // 2])

@@ -6,7 +6,8 @@ Three things cannot be used as printed, and are read like this:
   N pi, so that e lies in 0..1 whatever N is.
 - beta is printed as a SUM over vertices; exp(-z beta) would then vanish for any real polygon. It is the MEAN over the
   assigned vertices, and the distance of two embeddings is divided by the square root of their length.
-- Indices run forwards along the closed ring (l from i to E(v_i, k), modulo N), and both rings turn the same way.
+- Indices run forwards along the closed ring (l from i to E(v_i, k), modulo N), and both rings turn the same way. Of
+  two vertices equally near (a rectangle has them) the one met first comes first, whichever vertex is numbered 0.
 """
 
 import numpy as np
@@ -31,16 +32,15 @@ def embedding(ring: Array, k: int) -> Array:
     cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
     dot = (incoming * outgoing).sum(1)
     angle = np.pi - np.arctan2(np.abs(cross), dot)  # at each vertex, between its two edges, 0..pi
-    chord = cdist(ring, ring)
-    np.fill_diagonal(chord, np.inf)
-    nearest = np.argsort(chord, axis=1, kind="stable")[:, :k]
-    i = np.arange(n)[:, None]
-    ahead = (nearest - i) % n  # edges on the way from v_i to the neighbour, 1..n-1
+    i, ahead = np.arange(n)[:, None], np.arange(1, n)
+    chord = cdist(ring, ring)[i, (i + ahead) % n]  # from v_i to the vertex that many edges ahead
+    order = np.argsort(np.round(chord / max(chord.max(), 1e-300), 9), axis=1, kind="stable")[:, :k]
+    chord, ahead = np.take_along_axis(chord, order, axis=1), ahead[order]
     path = np.concatenate([[0.0], np.cumsum(np.tile(length, 2))])
     turning = np.concatenate([[0.0], np.cumsum(np.tile(angle, 2))])
     walked = path[i + ahead] - path[i]
     turned = turning[i + ahead] - turning[i + 1]  # the vertices strictly between
-    return chord[i, nearest] / np.maximum(walked, 1e-12) * turned / (n * np.pi)
+    return np.asarray(chord / np.maximum(walked, 1e-12) * turned / (n * np.pi))
 
 
 def node_assignment(first: Array, second: Array) -> tuple[float, NDArray[np.int64]]:
@@ -60,7 +60,9 @@ def area_ratio(first: Array, second: Array) -> Array:
     return np.asarray(np.minimum(first, second) / np.maximum(np.maximum(first, second), 1e-300))
 
 
-def graph_similarity(rings: list[Array], others: list[Array], z: float, k: int) -> tuple[Array, list[NDArray[np.int64]]]:
+def graph_similarity(
+    rings: list[Array], others: list[Array], z: float, k: int
+) -> tuple[Array, list[NDArray[np.int64]]]:
     """exp(-z beta) for each pair of rings, and its homologous vertices."""
     known: dict[int, Array] = {}
 

@@ -59,10 +59,8 @@ class Patches:
         return covered.reshape(len(frames), -1).astype(bool)
 
 
-def correlation(
-    left: Patches, left_rows: NDArray[np.int64], right: Patches, right_rows: NDArray[np.int64]
-) -> Array:
-    """(c,) R of each pair, -1..1, over the pixels of the frame that both polygons cover; 0 where there is no texture."""
+def correlation(left: Patches, left_rows: NDArray[np.int64], right: Patches, right_rows: NDArray[np.int64]) -> Array:
+    """(c,) R of each pair, -1..1, over what both polygons cover of the frame; 0 where there is no texture."""
     result = np.zeros(len(left_rows))
     for start in range(0, len(left_rows), PAIRS):
         i, j = left_rows[start : start + PAIRS], right_rows[start : start + PAIRS]

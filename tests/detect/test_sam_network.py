@@ -1,0 +1,84 @@
+"""The cut SAM networks against kornia's own decoder, and the back ends against each other."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import torch
+from kornia.models.sam import Sam
+
+from zpm2.detect import sam_network
+from zpm2.detect.sam_backend import OpenVinoBackend, TorchBackend, load_sam
+
+POINTS = np.array([[100.5, 200.25], [512.0, 300.0], [3.0, 1020.0]])[:, None]
+
+
+def pixels(seed: int) -> torch.Tensor:
+    """A smooth random picture, already normalised."""
+    coarse = torch.randn(1, 3, 24, 24, generator=torch.Generator().manual_seed(seed))
+    return torch.nn.functional.interpolate(coarse, size=(1024, 1024), mode="bicubic")
+
+
+def decode(sam: Sam, embedding: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """kornia's decoder. Its points count pixel centres from 0 and ours from 0.5."""
+    prompts = torch.from_numpy(POINTS).float() - 0.5
+    sparse, dense = sam.prompt_encoder(points=(prompts, torch.ones(len(prompts), 1)), boxes=None, masks=None)
+    return sam.mask_decoder.predict_masks(embedding, sam.prompt_encoder.get_dense_pe(), sparse, dense)
+
+
+class FakeEncoder(torch.nn.Module):
+    """Stands for the image encoder, which the cut leaves as it is."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.avg_pool2d(image, 16).repeat(1, 86, 1, 1)[:, :256]
+
+
+def test_cut_equals_kornia_for_random_weights() -> None:
+    torch.manual_seed(0)
+    sam = Sam.from_name("mobile_sam").eval()
+    sam.image_encoder = FakeEncoder()
+    with torch.inference_mode():
+        picture = pixels(1)
+        masks, iou = decode(sam, sam.image_encoder(picture))
+        parts = sam_network.ImageNetwork(sam)(picture)
+        sparse = torch.from_numpy(sam_network.PromptEmbedding.of(sam)(POINTS, np.array([1])))
+        ours_iou, hyper, tokens = sam_network.PromptNetwork(sam)(*parts, sparse)
+        ours = sam_network.MaskNetwork(sam)(tokens, hyper)
+    torch.testing.assert_close(ours_iou, iou, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(ours, masks, atol=1e-3, rtol=1e-3)
+
+
+@pytest.mark.parametrize("labels", [[1], [1, 0], [2, 3], [2, 3, 1, 0]])
+def test_prompt_embedding_equals_kornia(labels: list[int]) -> None:
+    torch.manual_seed(0)
+    sam = Sam.from_name("mobile_sam").eval()
+    at = np.random.default_rng(0).uniform(0, 1024, (2, len(labels), 2))
+    shifted, kinds = torch.from_numpy(at).float() - 0.5, np.array(labels)
+    inner = torch.from_numpy(kinds[kinds < 2]).expand(2, -1)
+    with torch.inference_mode():
+        theirs, _ = sam.prompt_encoder(
+            points=(shifted[:, kinds < 2], inner) if inner.numel() else None,
+            boxes=shifted[:, kinds >= 2].reshape(2, 4) if (kinds >= 2).any() else None,
+            masks=None,
+        )
+    ours = torch.from_numpy(sam_network.PromptEmbedding.of(sam)(at, kinds))
+    if (kinds >= 2).any():  # kornia puts points first
+        order = np.r_[np.flatnonzero(kinds < 2), np.flatnonzero(kinds >= 2)]
+        ours = ours[:, order]
+    torch.testing.assert_close(ours, theirs, atol=2e-5, rtol=0)
+
+
+@pytest.mark.weights
+@pytest.mark.skipif(find_spec("openvino") is None, reason="openvino is not installed")
+def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
+    """Stated tolerance: predicted IoU within 1e-3, at most 1 pixel in 10,000 on the other side of the mask's edge."""
+    picture = pixels(2)
+    with torch.inference_mode():
+        sam = load_sam("mobile_sam")
+        masks, iou = decode(sam, sam.image_encoder(picture))
+    for backend in (TorchBackend("mobile_sam", "cpu"), OpenVinoBackend("mobile_sam", print)):
+        parts = backend.image(picture.numpy())
+        ours_iou, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
+        logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]])
+        np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)
+        assert ((logits > 0) != (masks[[0, 2]].numpy() > 0)).mean() < 1e-4
