@@ -25,13 +25,15 @@ app = typer.Typer(
 app.add_typer(weights_app, name="weights")
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
-UsageError = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="One field; repeatable.")]
-Device = Annotated[str, typer.Option(help="auto, cpu or cuda.")]
-Seed = Annotated[int, typer.Option(help="Of everything random; the same seed gives the same bytes.")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")]
+Device = Annotated[str | None, typer.Option(help="auto, cpu or cuda.  [default: auto]")]
+Seed = Annotated[
+    int | None, typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]")
+]
 WeightsDir = Annotated[Path | None, typer.Option(help="A folder with your own copies of the weights.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
@@ -44,7 +46,10 @@ def main() -> None:
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
     except UsageError as error:
-        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))  # type: ignore[attr-defined]
+        if type(error).__name__ == "NoArgsIsHelpError":
+            print(error.format_message(), file=sys.stderr)
+            sys.exit(2)
+        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     sys.exit(status if isinstance(status, int) else 0)
@@ -76,11 +81,11 @@ def match_command(
     segmenter: Annotated[
         str | None, typer.Option(help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).")
     ] = None,
-    left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON of the left one.")] = None,
-    right_regions: Annotated[Path | None, typer.Option(help="The same of the right one.")] = None,
-    points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat, sift, aliked, ...")] = None,
-    device: Device = "auto",
-    seed: Seed = 0,
+    left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.")] = None,
+    right_regions: Annotated[Path | None, typer.Option(help="The same, right.")] = None,
+    points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat,sift.")] = None,
+    device: Device = None,
+    seed: Seed = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -92,12 +97,9 @@ def match_command(
     from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
-    chosen = list(settings or [])
-    if segmenter not in (None, "precomputed"):
-        chosen.append(f"segment.model={segmenter}")
-    if points is not None:
-        chosen.append(f"points.methods={points}")
-    config = _config(preset, config_file, [*chosen, f"device={device}", f"seed={seed}"])
+    model = None if segmenter == "precomputed" else segmenter
+    options = {"segment.model": model, "points.methods": points, "device": device, "seed": seed}
+    config = _config(preset, config_file, settings, options)
     own = _own_regions(segmenter, left_regions, right_regions, config)
     _use_weights(weights_dir)
     output_folder(out, (left, right))
@@ -112,8 +114,8 @@ def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")] = Path("zpm2-demo"),
     preset: Preset = "default",
     settings: Settings = None,
-    device: Device = "auto",
-    seed: Seed = 0,
+    device: Device = None,
+    seed: Seed = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -125,12 +127,12 @@ def demo(
     from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
-    config = _config(preset, None, [*(settings or []), f"device={device}", f"seed={seed}"])
+    config = _config(preset, None, settings, {"device": device, "seed": seed})
     _use_weights(weights_dir)
     folder = output_folder(out)
     with _progress(quiet or as_json) as (progress, say):
         progress("render", 0.0)
-        scene = render_scene(seed)
+        scene = render_scene(config.seed)
         for name, pixels in (("left", scene.left), ("right", scene.right)):
             Image.fromarray(pixels).save(folder / f"{name}.png")
         progress("render", 1.0)
@@ -140,8 +142,10 @@ def demo(
     truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
     _report(result, folder, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
     if not (quiet or as_json):
-        print(f"Against the exact depth: {truth.good} of {truth.scored} matches right (IoU >= 0.5), "
-              f"{truth.coverage:.0%} of the area that both cameras see is covered.")
+        print(
+            f"Against the exact depth: {truth.good} of {truth.scored} matches right (IoU >= 0.5), "
+            f"{truth.coverage:.0%} of the area that both cameras see is covered."
+        )
         print(f"Open {folder / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
 
 
@@ -161,13 +165,15 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
             print(f"  {name:<24} {value}")
 
 
-def _config(preset: str, file: Path | None, settings: list[str]) -> "Config":
+def _config(preset: str, file: Path | None, settings: list[str] | None, options: dict[str, Any]) -> "Config":
+    """The preset, under the file, under the settings, under those `options` that were given (are not None)."""
     from zpm2 import config
 
     chosen = config.preset(preset)
     if file is not None:
         chosen = config.load(file, chosen)
-    return config.assign(chosen, settings)
+    given = [f"{name}={value}" for name, value in options.items() if value is not None]
+    return config.assign(chosen, [*(settings or []), *given])
 
 
 def _own_regions(
@@ -186,13 +192,13 @@ def _own_regions(
 def _use_weights(directory: Path | None) -> None:
     if directory is not None:
         if not directory.is_dir():
-            raise ConfigError(f"--weights-dir {directory} is no folder")
+            raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
         os.environ["ZPM2_WEIGHTS"] = str(directory)
 
 
 @contextmanager
 def _progress(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[[str], None]]]:
-    """A bar per stage on stderr, and a voice for single lines; both mute when `silent`."""
+    """A bar per stage on stderr, where that is a terminal, and a voice for single lines; both mute when `silent`."""
     if silent:
         yield lambda stage, share: None, lambda text: None
         return
@@ -200,9 +206,8 @@ def _progress(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Call
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True
-    ) as bars:
+    columns = TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         tasks: dict[str, Any] = {}
 
         def progress(stage: str, share: float) -> None:

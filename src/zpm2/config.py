@@ -175,13 +175,17 @@ def _hint(name: str, known: Any) -> str:
 
 def _overlay(base: Any, values: Any, where: str) -> Any:
     if not isinstance(values, Mapping):
-        raise ConfigError(f"option '{where.rstrip('.')}' is a stage; set one of its fields: "
-                          f"{', '.join(f.name for f in dataclasses.fields(base))}")
+        raise ConfigError(
+            f"option '{where.rstrip('.')}' is a stage; set one of its fields: "
+            f"{', '.join(f.name for f in dataclasses.fields(base))}"
+        )
     types_of = typing.get_type_hints(type(base))
     changed = {}
     for name, value in values.items():
         if name not in types_of:
-            raise ConfigError(f"unknown option '{where}{name}'{_hint(name, types_of)}; known here: {', '.join(types_of)}")
+            raise ConfigError(
+                f"unknown option '{where}{name}'{_hint(name, types_of)}; known here: {', '.join(types_of)}"
+            )
         current = getattr(base, name)
         if dataclasses.is_dataclass(current):
             changed[name] = _overlay(current, value, f"{where}{name}.")

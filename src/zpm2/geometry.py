@@ -59,7 +59,9 @@ def sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
     return np.asarray(np.abs(e) / np.sqrt(np.maximum((l2[:, :2] ** 2).sum(1) + (l1[:, :2] ** 2).sum(1), 1e-300)))
 
 
-def fundamental_matrix(left: Array, right: Array, threshold: float, seed: int = 0) -> tuple[Array, NDArray[np.bool_]] | Failed:
+def fundamental_matrix(
+    left: Array, right: Array, threshold: float, seed: int = 0
+) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """F (3 x 3, norm 1) by MAGSAC++ (OpenCV's USAC) and its (n,) inliers, or why there is none.
 
     `threshold` in px. Below 8 points there is no estimate: seven fit any F exactly and prove nothing.
@@ -111,6 +113,6 @@ def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int)
     params.threshold = threshold
     params.randomGeneratorState = seed
     try:
-        return estimate(np.ascontiguousarray(left), np.ascontiguousarray(right), params)  # type: ignore[no-any-return]
+        return estimate(np.ascontiguousarray(left), np.ascontiguousarray(right), params)
     except cv2.error:
         return None, None

@@ -81,7 +81,7 @@ class MatchResult:
     def plot(self, max_width: int = 2400) -> PIL.Image.Image:
         """Both images with matched polygons in the same colour and the same number; unmatched ones thin.
 
-        `InputError` for a loaded result whose photographs are no longer where they were.
+        `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
         left, right = _pixels(self.left, "left"), _pixels(self.right, "right")
         pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width)
@@ -91,12 +91,12 @@ class MatchResult:
         """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
 
         Each file appears whole or not at all, and matches.json comes last: where it is, the others are. `OutputError`
-        if the folder cannot be written.
+        if the folder cannot be written, and `InputError` as from `plot`.
         """
+        picture = cv2.cvtColor(np.asarray(self.plot()), cv2.COLOR_RGB2BGR)
         folder = output_folder(directory)
         for name, collection in self.to_geojson().items():
             geojson.write(folder / f"{name}.geojson", collection)
-        picture = cv2.cvtColor(np.asarray(self.plot()), cv2.COLOR_RGB2BGR)
         atomic_write(folder / "overlay.png", cv2.imencode(".png", picture)[1].tobytes())
         atomic_write(folder / "matches.json", json.dumps(self.to_dict(), allow_nan=False))
         return folder
@@ -165,9 +165,9 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
         points=PointMatches(points["left"].reshape(-1, 2), points["right"].reshape(-1, 2), points["score"]),
         fundamental=_matrix_from_list(document["fundamental"], "fundamental matrix"),
         homography=_matrix_from_list(document["homography"], "homography"),
-        config=document["config"],
-        timings=document["timings"],
-        warnings=document["warnings"],
+        config=dict(document["config"]),
+        timings=dict(document["timings"]),
+        warnings=list(document["warnings"]),
         version=document["version"],
     )
 
@@ -176,15 +176,22 @@ def _side_from_dict(values: Mapping[str, Any]) -> Side:
     polygons = [
         Polygon(
             id=p["id"],
-            exterior=np.array(p["vertices"], np.float64),
-            holes=tuple(np.array(hole, np.float64) for hole in p["holes"]),
+            exterior=_ring(p["vertices"]),
+            holes=tuple(_ring(hole) for hole in p["holes"]),
             score=p["score"],
             parent=p["parent"],
             label=p.get("label"),
         )
         for p in values["polygons"]
     ]
-    return Side(values["width"], values["height"], polygons, values["path"])
+    return Side(int(values["width"]), int(values["height"]), polygons, values["path"])
+
+
+def _ring(values: Any) -> NDArray[np.float64]:
+    ring = np.array(values, np.float64)
+    if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3 or not np.isfinite(ring).all():
+        raise ValueError("a ring must have at least 3 vertices [x, y]")
+    return ring
 
 
 def _matrix_from_list(values: Any, name: str) -> NDArray[np.float64] | Failed:
@@ -196,4 +203,10 @@ def _pixels(side: Side, name: str) -> Image:
         return side.image
     if side.path is None:
         raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
-    return read_image(side.path, f"{name} image")
+    image = read_image(side.path, f"{name} image")
+    if (image.width, image.height) != (side.width, side.height):
+        raise InputError(
+            f"{name} image {side.path} has {image.width} x {image.height} px and had {side.width} x {side.height} px "
+            "when it was matched; run zpm2 match again"
+        )
+    return image

@@ -1,6 +1,7 @@
 """Which things stand where: a corner of a room with a dozen and more objects, different for each seed."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zpm2.demo.surfaces import Ball, Frustum, Patch, Surface, box
 from zpm2.demo.textures import (
@@ -131,11 +132,11 @@ def _can(
     return [Frustum(_at(x, y, z), height, lower, upper, side), lid]
 
 
-def _at(x: float, y: float, z: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _at(x: float, y: float, z: float) -> NDArray[np.float64]:
     return np.array([x, y, z], np.float64)
 
 
-def _tilted(rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _tilted(rng: np.random.Generator) -> NDArray[np.float64]:
     axis = np.array([rng.uniform(-0.6, 0.6), 1.0, rng.uniform(-0.5, 0.2)])
     return np.asarray(axis / np.linalg.norm(axis))
 

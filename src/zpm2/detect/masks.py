@@ -11,7 +11,7 @@ def pack(bits: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 def boxes(bits: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(n, h, w) bool, none empty -> (n, 4) first and one-past-last column and row: x0, y0, x1, y1."""
-    columns, rows = bits.any(1), bits.any(2)
+    columns, rows = np.logical_or.reduce(bits, 1), np.logical_or.reduce(bits, 2)
     w, h = columns.shape[1], rows.shape[1]
     return np.stack(
         [columns.argmax(1), rows.argmax(1), w - columns[:, ::-1].argmax(1), h - rows[:, ::-1].argmax(1)], axis=1

@@ -51,7 +51,7 @@ class SamSegmenter:
         progress: Callable[[float], None] = lambda _: None,
     ) -> None:
         self.config, self.device, self.say, self.progress = config, device, say, progress
-        self.name = config.model
+        self.name: str = config.model
         self.notes: list[str] = []
         self._backend: SamBackend | None = None
 
@@ -121,7 +121,7 @@ def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
 
 
 def upsample(logits: NDArray[np.float16], box: NDArray[np.int64], image: Image, scale: float, score: float) -> Mask:
-    """A 256 x 256 mask at the image's resolution: bilinear logits cut at 0, only in the box (x0, y0, x1, y1) it fills."""
+    """A 256 x 256 mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
     size = SIDE / LOW / scale  # image px of one low-resolution pixel
     x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
     x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])

@@ -27,7 +27,7 @@ NETWORKS = ("image", "prompt", "mask")
 
 
 class SamBackend(Protocol):
-    """The three networks of `sam_network`, arrays in and arrays out; `image`'s result is opaque and goes to `prompt`."""
+    """The three networks of `sam_network`, arrays in and arrays out. What `image` returns is for `prompt` only.""" ""
 
     name: str
 
@@ -130,7 +130,7 @@ class OpenVinoBackend:
         return iou, hyper, tokens
 
     def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
-        return self.networks[2]([tokens[rows], hyper])[0]  # type: ignore[no-any-return]
+        return self.networks[2]([tokens[rows], hyper])[0]
 
 
 def _converted(model: str, openvino_version: str, say: Say) -> Path:
@@ -161,8 +161,12 @@ def _convert(model: str, folder: Path) -> None:
 
     sam = load_sam(model)
     with torch.inference_mode(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", torch.jit.TracerWarning)  # kornia's shape checks, constant for our one size
-        image, prompt, mask = (sam_network.ImageNetwork(sam), sam_network.PromptNetwork(sam), sam_network.MaskNetwork(sam))
+        warnings.filterwarnings("ignore", "Converting a tensor")  # kornia's shape checks, constant for our one size
+        image, prompt, mask = (
+            sam_network.ImageNetwork(sam),
+            sam_network.PromptNetwork(sam),
+            sam_network.MaskNetwork(sam),
+        )
         pixels = torch.zeros(1, 3, sam_network.SIDE, sam_network.SIDE)
         parts = image.eval()(pixels)
         sparse = torch.zeros(2, 2, 256)

@@ -1,9 +1,9 @@
 """SAM's networks cut where segment-everything wants them cut: per image, per prompt, per surviving mask.
 
-The mask decoder of SAM (Kirillov et al., Segment Anything, ICCV 2023, Fig. 4) lets T prompt tokens (here 7) and N = 4096
-image tokens attend to each other in two layers, and then upscales the image tokens to a 256 x 256 mask. Run as
-published it costs 1.75 G multiply-adds a prompt, nearly all of it in projections of the image tokens. Three identities,
-none of which changes the result beyond rounding, leave about a quarter of the attention part:
+The mask decoder of SAM (Kirillov et al., Segment Anything, ICCV 2023, Fig. 4) lets T prompt tokens (here 7) and N =
+4096 image tokens attend to each other in two layers, and then upscales the image tokens to a 256 x 256 mask. Run as
+published it costs 1.75 G multiply-adds a prompt, nearly all of it in projections of the image tokens. Three
+identities, none of which changes the result beyond rounding, leave about a quarter of the attention part:
 
 - In the first layer the image tokens are the same for every prompt, so their projections belong to the image.
 - A projection of the image tokens that only meets T tokens can be moved to their side:
@@ -40,8 +40,8 @@ class ImageNetwork(nn.Module):
         layer = sam.mask_decoder.transformer.layers[0]
         self.to_image, self.to_token = layer.cross_attn_token_to_image, layer.cross_attn_image_to_token
         self.heads = self.to_image.num_heads
-        self.register_buffer("no_mask", sam.prompt_encoder.no_mask_embed.weight.detach().clone())
-        self.register_buffer("position", _position(sam))
+        self.no_mask = nn.Buffer(sam.prompt_encoder.no_mask_embed.weight.detach().clone())
+        self.position = nn.Buffer(_position(sam))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         keys = self.encoder(image)[0].flatten(1).T + self.no_mask
@@ -65,8 +65,8 @@ class PromptNetwork(nn.Module):
         self.final_norm = decoder.transformer.norm_final_attn
         self.iou_head = decoder.iou_prediction_head
         self.mask_heads = decoder.output_hypernetworks_mlps
-        self.register_buffer("position", _position(sam))
-        self.register_buffer("own", torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).detach().clone())
+        self.position = nn.Buffer(_position(sam))
+        self.own = nn.Buffer(torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).detach().clone())
 
     def forward(self, keys: Tensor, k: Tensor, v: Tensor, q: Tensor, sparse: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         tokens = torch.cat([self.own.expand(sparse.shape[0], -1, -1), sparse], dim=1)
@@ -88,9 +88,7 @@ class PromptNetwork(nn.Module):
         weights, bias, values = _token_side(second.cross_attn_image_to_token, queries + tokens, queries, fold=True)
         image = second.norm4(image + _attend_tokens(second.cross_attn_image_to_token, placed @ weights + bias, values))
 
-        queries = self.final_norm(
-            queries + _token_to_image(self.final, queries + tokens, image + self.position, image)
-        )
+        queries = self.final_norm(queries + _token_to_image(self.final, queries + tokens, image + self.position, image))
         masks = [head(queries[:, 1 + i]) for i, head in enumerate(self.mask_heads)]
         return self.iou_head(queries[:, 0]), torch.stack(masks, dim=1), image
 
@@ -107,10 +105,8 @@ class MaskNetwork(nn.Module):
         up = sam.mask_decoder.output_upscaling
         self.norm = nn.LayerNorm(up[1].weight.shape[0], eps=up[1].eps)
         self.norm.weight, self.norm.bias = up[1].weight, up[1].bias
-        for name, conv in (("first", up[0]), ("second", up[3])):
-            w = conv.weight.detach().permute(0, 2, 3, 1)  # in, 2, 2, out
-            self.register_buffer(name, w.reshape(w.shape[0], -1).clone())
-            self.register_buffer(f"{name}_bias", conv.bias.detach().repeat(4).clone())
+        self.first, self.first_bias = (nn.Buffer(part) for part in _as_linear(up[0]))
+        self.second, self.second_bias = (nn.Buffer(part) for part in _as_linear(up[3]))
 
     def forward(self, image: Tensor, hyper: Tensor) -> Tensor:
         b = image.shape[0]
@@ -150,6 +146,13 @@ class PromptEmbedding:
         return np.concatenate([tokens, padding], axis=1)
 
 
+def _as_linear(conv: nn.ConvTranspose2d) -> tuple[Tensor, Tensor]:
+    """A transposed convolution with stride = kernel = 2 as weights (in, 4 out) and bias (4 out), children in rows."""
+    weight = conv.weight.detach().permute(0, 2, 3, 1)  # in, 2, 2, out
+    bias = conv.bias if conv.bias is not None else torch.zeros(weight.shape[-1])
+    return weight.reshape(weight.shape[0], -1).clone(), bias.detach().repeat(4).clone()
+
+
 def _position(sam: Any) -> Tensor:
     dense: Tensor = sam.prompt_encoder.get_dense_pe()
     return dense[0].flatten(1).T.detach().clone()
@@ -166,7 +169,7 @@ def _token_to_shared_image(attention: Any, tokens: Tensor, k: Tensor, v: Tensor)
     query = _heads(attention.q_proj(tokens), attention.num_heads)
     weights = (query @ k * query.shape[-1] ** -0.5).softmax(-1)
     out = (weights @ v).transpose(1, 2)
-    return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))  # type: ignore[no-any-return]
+    return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
 
 def _token_to_image(attention: Any, tokens: Tensor, placed: Tensor, image: Tensor) -> Tensor:
@@ -184,7 +187,7 @@ def _token_to_image(attention: Any, tokens: Tensor, placed: Tensor, image: Tenso
     gathered = (weights @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias
-    return attention.out_proj(out)  # type: ignore[no-any-return]
+    return attention.out_proj(out)
 
 
 def _token_side(attention: Any, key_tokens: Tensor, value_tokens: Tensor, fold: bool) -> tuple[Tensor, Tensor, Tensor]:
@@ -212,4 +215,4 @@ def _attend_tokens(attention: Any, scores: Tensor, values: Tensor) -> Tensor:
     b, n, columns = scores.shape
     heads = attention.num_heads
     weights = scores.reshape(b, n, heads, columns // heads).softmax(-1).reshape(b, n, columns)
-    return weights @ values + attention.out_proj.bias  # type: ignore[no-any-return]
+    return weights @ values + attention.out_proj.bias

@@ -33,8 +33,8 @@ class Frame:
         """
         x, y = torch.floor(points + 0.5).long().T
         height, width = self.useful.shape
-        on = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        return on & self.useful[y.clamp(0, height - 1), x.clamp(0, width - 1)]
+        useful: torch.Tensor = self.useful[y.clamp(0, height - 1), x.clamp(0, width - 1)]
+        return useful.logical_and((x >= 0) & (x < width) & (y >= 0) & (y < height))
 
 
 def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:

@@ -32,7 +32,7 @@ from zpm2.model import Image
 from zpm2.sampling import bilinear, pyramid
 
 Array = NDArray[np.float64]
-CHUNK = 512  # polygons correlated at a time: 512 x 64 x 64 complex numbers
+CHUNK = 64  # polygons correlated at a time; larger ones leave the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def _search(
     """
     phi = config.phi
     template = sample_templates(left, centers, jacobian, phi)
-    textured = template.std((1, 2)) >= config.min_contrast
+    textured = np.asarray(template.std((1, 2)) >= config.min_contrast)
     window += 1 - window % 2  # odd, so that the predicted pixel is the middle one
     pixel = np.floor(predicted).astype(np.int64)  # pixel that holds the predicted place
     offset = np.arange(window) - window // 2
@@ -120,8 +120,8 @@ def _search(
         np.clip(rows, 0, right.shape[0] - 1)[:, :, None], np.clip(columns, 0, right.shape[1] - 1)[:, None]
     ]  # m, window, window
     score = correlate(area, template)
-    full_y = sliding_window_view(inside_y, phi, axis=1).all(-1)
-    full_x = sliding_window_view(inside_x, phi, axis=1).all(-1)
+    full_y = sliding_window_view(inside_y, phi, axis=1).min(-1)
+    full_x = sliding_window_view(inside_x, phi, axis=1).min(-1)
     allowed = full_y[:, :, None] & full_x[:, None] & textured[:, None, None]
     reach = np.arange(window - phi + 1) - (window - phi) // 2
     if lines is not None:
@@ -156,12 +156,12 @@ def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array
     """
     t = template.shape[-1]
     positions = area.shape[-1] - t + 1
-    area = area.astype(np.float64) - area.mean((1, 2), keepdims=True)
+    levelled = area.astype(np.float64) - area.mean((1, 2), keepdims=True)
     centred = template.astype(np.float64) - template.mean((1, 2), keepdims=True)
     size = fft.next_fast_len(area.shape[-1], real=True)
-    product = fft.rfft2(area, (size, size)) * np.conj(fft.rfft2(centred, (size, size)))
+    product = fft.rfft2(levelled, (size, size)) * np.conj(fft.rfft2(centred, (size, size)))
     numerator = fft.irfft2(product, (size, size))[:, :positions, :positions]
-    total, squares = _box_sums(area, t), _box_sums(area**2, t)
+    total, squares = _box_sums(levelled, t), _box_sums(levelled**2, t)
     energy = np.maximum(squares - total**2 / t**2, 0.0) * (centred**2).sum((1, 2))[:, None, None]
     floor = (t * t) ** 2 * 1e-6  # a thousandth of a grey level on either side
     return np.clip(np.where(energy > floor, numerator / np.sqrt(np.maximum(energy, floor)), 0.0), -1.0, 1.0)

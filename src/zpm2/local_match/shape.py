@@ -10,12 +10,15 @@ Three things cannot be used as printed, and are read like this:
   two vertices equally near (a rectangle has them) the one met first comes first, whichever vertex is numbered 0.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
+CHORDS = 2**18  # computed at a time
 
 
 def embedding(ring: Array, k: int) -> Array:
@@ -24,23 +27,44 @@ def embedding(ring: Array, k: int) -> Array:
     Entry k of row i is the ratio of chord to path from v_i to its k-th nearest vertex, times the turning of that path.
     Invariant to translation, rotation and scale.
     """
-    n = len(ring)
-    k = min(k, n - 1)
-    step = np.roll(ring, -1, axis=0) - ring
-    length = np.hypot(step[:, 0], step[:, 1])
-    incoming, outgoing = np.roll(step, 1, axis=0), step
-    cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
-    dot = (incoming * outgoing).sum(1)
-    angle = np.pi - np.arctan2(np.abs(cross), dot)  # at each vertex, between its two edges, 0..pi
+    return np.asarray(_embed(ring[None], k)[0])
+
+
+def embeddings(rings: Sequence[Array], k: int) -> list[Array]:
+    """The embedding of each ring; those of equally many vertices are computed together."""
+    result: list[Array] = [ring[:0] for ring in rings]
+    vertices = np.array([len(ring) for ring in rings])
+    for n in np.unique(vertices):
+        rows, together = np.flatnonzero(vertices == n), max(1, CHORDS // n**2)
+        for start in range(0, len(rows), together):
+            part = rows[start : start + together]
+            for row, alpha in zip(part, _embed(np.stack([rings[row] for row in part]), k), strict=True):
+                result[row] = alpha
+    return result
+
+
+def _embed(rings: Array, k: int) -> Array:
+    """(g, N, 2) -> (g, N, min(k, N - 1))."""
+    g, n, _ = rings.shape
+    step = np.roll(rings, -1, axis=1) - rings
+    length = np.hypot(step[..., 0], step[..., 1])
+    incoming, outgoing = np.roll(step, 1, axis=1), step
+    cross = incoming[..., 0] * outgoing[..., 1] - incoming[..., 1] * outgoing[..., 0]
+    angle = np.pi - np.arctan2(np.abs(cross), (incoming * outgoing).sum(2))  # at each vertex, between its edges, 0..pi
     i, ahead = np.arange(n)[:, None], np.arange(1, n)
-    chord = cdist(ring, ring)[i, (i + ahead) % n]  # from v_i to the vertex that many edges ahead
-    order = np.argsort(np.round(chord / max(chord.max(), 1e-300), 9), axis=1, kind="stable")[:, :k]
-    chord, ahead = np.take_along_axis(chord, order, axis=1), ahead[order]
-    path = np.concatenate([[0.0], np.cumsum(np.tile(length, 2))])
-    turning = np.concatenate([[0.0], np.cumsum(np.tile(angle, 2))])
-    walked = path[i + ahead] - path[i]
-    turned = turning[i + ahead] - turning[i + 1]  # the vertices strictly between
-    return np.asarray(chord / np.maximum(walked, 1e-12) * turned / (n * np.pi))
+    away = rings[:, (i + ahead) % n] - rings[:, :, None]  # from v_i to the vertex that many edges ahead
+    chord = np.hypot(away[..., 0], away[..., 1])
+    near = np.round(chord / np.maximum(chord.max((1, 2), keepdims=True), 1e-300), 9)
+    order = np.argsort(near, axis=2, kind="stable")[..., :k]
+    walked, turned = (_along(values)[np.arange(g)[:, None, None], i + ahead[order]] for values in (length, angle))
+    walked = walked - _along(length)[:, :n, None]
+    turned = turned - _along(angle)[:, 1 : n + 1, None]  # the vertices strictly between
+    return np.asarray(np.take_along_axis(chord, order, axis=2) / np.maximum(walked, 1e-12) * turned / (n * np.pi))
+
+
+def _along(values: Array) -> Array:
+    """(g, N) -> (g, 2 N + 1): sums of the first 0, 1, ... values, twice around the ring."""
+    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(np.tile(values, 2), axis=1)], axis=1)
 
 
 def node_assignment(first: Array, second: Array) -> tuple[float, NDArray[np.int64]]:
@@ -64,12 +88,7 @@ def graph_similarity(
     rings: list[Array], others: list[Array], z: float, k: int
 ) -> tuple[Array, list[NDArray[np.int64]]]:
     """exp(-z beta) for each pair of rings, and its homologous vertices."""
-    known: dict[int, Array] = {}
-
-    def embed(ring: Array) -> Array:
-        if id(ring) not in known:
-            known[id(ring)] = embedding(ring, k)
-        return known[id(ring)]
-
-    results = [node_assignment(embed(a), embed(b)) for a, b in zip(rings, others, strict=True)]
+    unique = {id(ring): ring for ring in [*rings, *others]}
+    alpha = dict(zip(unique, embeddings(list(unique.values()), k), strict=True))
+    results = [node_assignment(alpha[id(a)], alpha[id(b)]) for a, b in zip(rings, others, strict=True)]
     return np.exp(-z * np.array([beta for beta, _ in results])), [nodes for _, nodes in results]

@@ -9,7 +9,8 @@ from zpm2.model import Image
 from zpm2.sampling import bilinear, pyramid
 
 Array = NDArray[np.float64]
-PAIRS = 2048  # compared at a time
+PAIRS = 256  # compared at a time
+PATCHES = 256  # sampled at a time
 
 
 class Patches:
@@ -27,25 +28,33 @@ class Patches:
         self.values = np.zeros((n, size * size), np.float32)
         self.inside = np.zeros((n, size * size), bool)
         usable = np.flatnonzero(~shapely.is_empty(frames))
-        if len(usable) == 0:
-            return
-        x0, y0, x1, y1 = shapely.bounds(frames[usable]).T
+        levels = [image.gray]  # each half the size of the one before
+        for start in range(0, len(usable), PATCHES):
+            rows = usable[start : start + PATCHES]
+            self._sample(rows, frames[rows], to_image[rows], levels)
+
+    def _sample(
+        self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, levels: list[NDArray[np.float32]]
+    ) -> None:
+        size, (height, width) = self.size, levels[0].shape
+        x0, y0, x1, y1 = shapely.bounds(frames).T
         t = (np.arange(size) + 0.5) / size
-        x = np.broadcast_to((x0[:, None] + (x1 - x0)[:, None] * t)[:, None, :], (len(usable), size, size))
-        y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(usable), size, size))
-        homogeneous = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(len(usable), -1, 3)
-        mapped = homogeneous @ to_image[usable].transpose(0, 2, 1)
+        x = np.broadcast_to((x0[:, None] + (x1 - x0)[:, None] * t)[:, None, :], (len(rows), size, size))
+        y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(rows), size, size))
+        homogeneous = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(len(rows), -1, 3)
+        mapped = homogeneous @ to_image.transpose(0, 2, 1)
         depth = mapped[..., 2:]
         seen = depth[..., 0] > 1e-9
         at = mapped[..., :2] / np.where(depth > 1e-9, depth, 1.0)
-        seen &= (at >= 0).all(-1) & (at[..., 0] <= image.width) & (at[..., 1] <= image.height)
+        seen &= (at >= 0).all(-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
         spread = np.nan_to_num(np.ptp(at, axis=1).max(1) / size, nan=1.0, posinf=1.0)
         level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, 6).astype(int)
-        levels = pyramid(image.gray, int(level.max()), 2)
         for k in np.unique(level):
+            while len(levels) <= k:
+                levels.append(pyramid(levels[-1], 1, 2)[1])
             of = level == k
-            self.values[usable[of]] = bilinear(levels[k], at[of] / 2.0**k - 0.5)
-        self.inside[usable] = seen & self._cover(frames[usable], x0, y0, x1, y1)
+            self.values[rows[of]] = bilinear(levels[k], at[of] / 2.0**k - 0.5)
+        self.inside[rows] = seen & self._cover(frames, x0, y0, x1, y1)
 
     def _cover(self, frames: NDArray[np.object_], x0: Array, y0: Array, x1: Array, y1: Array) -> NDArray[np.bool_]:
         covered = np.zeros((len(frames), self.size, self.size), np.uint8)

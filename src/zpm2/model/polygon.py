@@ -18,7 +18,7 @@ class Polygon:
     """
 
     id: int
-    exterior: NDArray[np.float64]  # (n, 2) image px, n >= 3, positive shoelace sum, first vertex not repeated at the end
+    exterior: NDArray[np.float64]  # (n, 2) image px, n >= 3, positive shoelace sum, first vertex not repeated
     holes: tuple[NDArray[np.float64], ...] = ()  # (h, 2) image px each
     score: float = 1.0  # the segmenter's own quality, 0..1
     parent: int | None = None  # id of the smallest polygon of the same image that contains this one
