@@ -77,7 +77,7 @@ class LocalConfig:
     iota: float = 5.0  # similarity threshold: a pair that costs more stays unmatched
     epsilon: float = 1e-6  # of the cost
     patch: int = 32  # px, side of the resampled texture patches
-    rematch_dsf: int = 1  # homologous points from which a pair that BPM did not propose is tried in the second round
+    min_overlap: float = 0.3  # 0..1, IoU of the rectified polygon with its candidate under which they cannot match
 
 
 @dataclass(frozen=True)
@@ -230,6 +230,7 @@ SHARES = (
     "segment.min_stability",
     "segment.nms_iou",
     "segment.max_area",
+    "local_match.min_overlap",
     "points.min_score",
 )
 

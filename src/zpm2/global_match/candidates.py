@@ -30,11 +30,8 @@ class Candidates:
         pairs = np.unique(np.c_[left, right].astype(np.int64).reshape(-1, 2), axis=0)
         return Candidates(pairs[:, 0], pairs[:, 1])
 
-    def without(self, other: "Candidates") -> "Candidates":
-        """The pairs that are not in `other`."""
-        width = 1 + max(self.right.max(initial=0), other.right.max(initial=0))
-        fresh = ~np.isin(self.left * width + self.right, other.left * width + other.right)
-        return Candidates(self.left[fresh], self.right[fresh])
+    def __getitem__(self, rows: NDArray[np.intp]) -> "Candidates":
+        return Candidates(self.left[rows], self.right[rows])
 
 
 def search_candidates(

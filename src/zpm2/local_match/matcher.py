@@ -1,5 +1,6 @@
 """The local matcher (paper 3.4): evaluate candidate pairs, assign them, and match again what is left."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from zpm2 import geometry
 from zpm2.config import LocalConfig
+from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.local_match import assignment, rectify, shape, texture
 from zpm2.local_match.confidence import confidence
@@ -25,6 +28,8 @@ class Evidence:
     pairs: Candidates
     dsf: NDArray[np.int64]  # (c,) homologous points inside both
     rectified: NDArray[np.object_]  # (c,) left polygon as the right image should show it
+    overlap: Array  # (c,) 0..1, IoU of the rectified polygon with the right one
+    area: Array  # (c,) 0..1, ratio of their areas
     psi: Array  # (c,) 0..1, similarity of shape
     texture: Array  # (c,) R, -1..1
     cost: Array  # (c,) zeta
@@ -54,26 +59,28 @@ class _Evaluator:
         self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps).astype(np.float64), config.patch)
         self.right_patches = texture.Patches(images[1], self.right.shapes, identity, config.patch)
 
-    def evaluate(self, pairs: Candidates) -> Evidence:
-        """The evidence of each pair, and its cost."""
+    def evaluate(self, pairs: Candidates, placement: Placement) -> Evidence:
+        """The evidence of those pairs that pass the geometric constraint, with left polygons where `placement` puts
+        them: a rectified polygon that hardly covers its candidate is not where that candidate is, however alike they
+        look (the indicator I(G_i = G_j) of 3.1)."""
         config = self.config
         at = lookup(np.arange(len(self.support.pairs)), self.support.pairs, pairs)
         dsf = np.where(at >= 0, self.support.counts[np.maximum(at, 0)] if len(self.support.pairs) else 0, 0)
-        rectified = rectify.rectified_shapes(self.left, pairs.left, self._maps(pairs, at, dsf))
-        target = self.right.shapes[pairs.right]
-        if config.shape == "overlap":
-            psi = rectify.overlaps(rectified, target)
-        else:
-            psi = shape.area_ratio(shapely.area(rectified), shapely.area(target)) * self._graph(rectified, pairs)[0]
+        rectified = rectify.rectified_shapes(self.left, pairs.left, self._maps(pairs, at, dsf, placement))
+        overlap = rectify.overlaps(rectified, self.right.shapes[pairs.right])
+        near = np.flatnonzero(overlap >= config.min_overlap)
+        pairs, dsf, rectified, overlap = pairs[near], dsf[near], rectified[near], overlap[near]
+        area = shape.area_ratio(shapely.area(rectified), self.right.areas[pairs.right])
+        psi = overlap if config.shape == "overlap" else area * self._graph(rectified, pairs)[0]
         r = texture.correlation(self.left_patches, pairs.left, self.right_patches, pairs.right)
         cost = assignment.matching_cost(psi, dsf, r, config.gamma, config.epsilon)
-        return Evidence(pairs, dsf, rectified, psi, r, cost)
+        return Evidence(pairs, dsf, rectified, overlap, area, psi, r, cost)
 
-    def _maps(self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64]) -> Array:
+    def _maps(self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], placement: Placement) -> Array:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
         point on, the placed map otherwise."""
         points = self.initial.points
-        matrices = rectify.placed_maps(pairs, self.left, self.placement, self.initial).matrices
+        matrices = rectify.placed_maps(pairs, self.left, placement, self.initial).matrices
         matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
         some = np.flatnonzero(dsf > 0)
         if len(some) == 0:
@@ -100,8 +107,7 @@ class _Evaluator:
 
     def nodes(self, evidence: Evidence, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The homologous vertices (k, 2) of the pairs `rows`."""
-        chosen = Candidates(evidence.pairs.left[rows], evidence.pairs.right[rows])
-        return self._graph(evidence.rectified[rows], chosen)[1]
+        return self._graph(evidence.rectified[rows], evidence.pairs[rows])[1]
 
 
 def match_polygons(
@@ -121,13 +127,11 @@ def match_polygons(
     if len(polygons[0]) == 0 or len(polygons[1]) == 0:
         return []
     evaluator = _Evaluator(images, polygons, initial, placement, config)
-    first = evaluator.evaluate(candidates)
+    first = evaluator.evaluate(candidates, placement)
     chosen = _assign(first, config)
     matches = _as_matches(evaluator, first, chosen, "global")
-    again = _second_round(evaluator, candidates, first, chosen)
-    if len(again):
-        second = evaluator.evaluate(again)
-        matches += _as_matches(evaluator, second, _assign(second, config), "local")
+    second = _second_round(evaluator, first.pairs[chosen])
+    matches += _as_matches(evaluator, second, _assign(second, config), "local")
     return sorted(matches, key=lambda match: match.left)
 
 
@@ -137,34 +141,39 @@ def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:
     return assignment.assign_optimal(evidence.pairs, evidence.cost, config.iota)
 
 
-def _second_round(evaluator: _Evaluator, tried: Candidates, first: Evidence, chosen: NDArray[np.int64]) -> Candidates:
-    """New candidate pairs among the polygons that the first round left unmatched."""
+def _second_round(evaluator: _Evaluator, matched: Candidates) -> Evidence:
+    """Evidence of new pairs among the polygons that the first round left unmatched.
+
+    They are put where H and the motion that it does not explain, taken from the matched neighbours, lead. Candidates
+    are the right polygons there and those that share homologous points.
+    """
     left, right, known = evaluator.left, evaluator.right, evaluator.support
     free_left, free_right = np.ones(len(left), bool), np.ones(len(right), bool)
-    free_left[tried.left[chosen]] = free_right[tried.right[chosen]] = False
-    shares = known.counts >= evaluator.config.rematch_dsf
-    i, j = known.pairs.left[shares], known.pairs.right[shares]
-    rows = np.flatnonzero(free_left)
-    if len(rows) and len(chosen):
-        motion = right.centers[tried.right[chosen]] - left.centers[tried.left[chosen]]
-        _, near = cKDTree(left.centers[tried.left[chosen]]).query(left.centers[rows], k=min(NEIGHBORS, len(chosen)))
-        center = left.centers[rows] + np.median(motion[near.reshape(len(rows), -1)], axis=1)
+    free_left[matched.left] = free_right[matched.right] = False
+    i, j = known.pairs.left, known.pairs.right
+    placement, rows = evaluator.placement, np.flatnonzero(free_left)
+    if len(matched) and len(rows):
+        homography = evaluator.initial.homography
+        predicted = left.centers if isinstance(homography, Failed) else geometry.project(homography, left.centers)
+        motion = right.centers[matched.right] - predicted[matched.left]
+        _, near = cKDTree(left.centers[matched.left]).query(left.centers[rows], k=min(NEIGHBORS, len(matched)))
+        center = predicted.copy()
+        center[rows] += np.median(motion[near.reshape(len(rows), -1)], axis=1)
+        placement = dataclasses.replace(placement, centers=center)
+        rows = rows[np.isfinite(center[rows]).all(1)]
         reach = (left.bounds[rows, 2:] - left.bounds[rows, :2]).min(1, keepdims=True) / 2
-        windows = shapely.box(*(center - reach).T, *(center + reach).T)
+        windows = shapely.box(*(center[rows] - reach).T, *(center[rows] + reach).T)
         hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
         i, j = np.append(i, rows[hit]), np.append(j, row)
-    open_pairs = free_left[i] & free_right[j]
-    return Candidates.of(i[open_pairs], j[open_pairs]).without(tried)
+    free = free_left[i] & free_right[j]
+    return evaluator.evaluate(Candidates.of(i[free], j[free]), placement)
 
 
 def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int64], stage: Stage) -> list[PolygonMatch]:
     if len(rows) == 0:
         return []
     i, j = evidence.pairs.left[rows], evidence.pairs.right[rows]
-    target = evaluator.right.shapes[j]
-    overlap = rectify.overlaps(evidence.rectified[rows], target)
-    ratio = shape.area_ratio(shapely.area(evidence.rectified[rows]), shapely.area(target))
-    sure = confidence(overlap, evidence.dsf[rows], evidence.texture[rows], ratio)
+    sure = confidence(evidence.overlap[rows], evidence.dsf[rows], evidence.texture[rows], evidence.area[rows])
     nodes = evaluator.nodes(evidence, rows)
     return [
         PolygonMatch(
@@ -174,7 +183,7 @@ def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int6
             cost=float(evidence.cost[row]),
             dsf=int(evidence.dsf[row]),
             stage=stage,
-            overlap=float(overlap[k]),
+            overlap=float(evidence.overlap[row]),
             nodes=nodes[k],
         )
         for k, row in enumerate(rows)

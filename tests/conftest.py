@@ -1,0 +1,39 @@
+"""Isolation from the machine's caches and networks, the command line in-process, and a rendered pair."""
+
+from pathlib import Path
+
+import pytest
+from rendered import Outcome, Pair, Run, save_pair
+
+from zpm2 import cli
+from zpm2.demo import render_scene
+
+
+@pytest.fixture(autouse=True)
+def _own_weights(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only tests marked `weights` see the machine's weights and may fetch them."""
+    if not request.node.get_closest_marker("weights"):
+        monkeypatch.setenv("ZPM2_WEIGHTS", "")
+        monkeypatch.setenv("ZPM2_CACHE", str(tmp_path / "cache"))
+        monkeypatch.setenv("ZPM2_OFFLINE", "1")
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """`run("match", ...)`: what a person who types `zpm2 match ...` gets, `main`'s error handling included."""
+
+    def call(*arguments: object) -> Outcome:
+        monkeypatch.setattr("sys.argv", ["zpm2", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        assert isinstance(left.value.code, int)
+        return Outcome(left.value.code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    """The demo's scene at 400 x 240 px."""
+    return save_pair(render_scene(0, 400, 240), tmp_path_factory.mktemp("pair"))

@@ -1,0 +1,264 @@
+"""`zpm2 match`, `demo` and `doctor` as a person uses them. Regions are given and points are SIFT: no weights."""
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import PIL.Image
+import pytest
+from rendered import Pair, Run
+
+import zpm2
+from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.pipeline import PolygonMatcher
+
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+STAGES = ["read", "load", "detect", "points", "global", "local"]
+
+
+def read(folder: Path) -> Any:
+    return json.loads((folder / "matches.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that the command line wrote."""
+    out = tmp_path_factory.mktemp("run") / "deep" / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        arguments = ["zpm2", "match", str(pair.left), str(pair.right), "-o", str(out), *pair.regions]
+        patch.setattr("sys.argv", arguments)
+        with pytest.raises(SystemExit) as end:
+            zpm2.cli.main()
+        assert end.value.code == 0
+    return out
+
+
+def test_four_files(saved: Path) -> None:
+    assert sorted(p.name for p in saved.iterdir()) == FILES
+    with PIL.Image.open(saved / "overlay.png") as picture:
+        picture.load()
+        assert picture.width > 800
+
+
+def test_matches_json_holds_what_the_design_promises(saved: Path, pair: Pair) -> None:
+    document = read(saved)
+    assert document["schema"] == "zpm2-matches/1"
+    assert document["version"] == zpm2.__version__
+    assert list(document["timings"]) == STAGES
+    assert all(seconds >= 0 for seconds in document["timings"].values())
+    for name, path in (("left", pair.left), ("right", pair.right)):
+        side = document[name]
+        assert (side["path"], side["width"], side["height"]) == (str(path), 400, 240)
+        for polygon in side["polygons"]:
+            assert {"id", "vertices", "holes", "area", "score", "parent"} <= set(polygon)
+            assert all(0 <= x <= 400 and 0 <= y <= 240 for x, y in polygon["vertices"])
+    points = document["points"]
+    assert len(points["left"]) == len(points["right"]) == len(points["score"]) > 100
+    assert len(document["fundamental"]) == len(document["homography"]) == 3
+    for match in document["matches"]:
+        assert {"left", "right", "confidence", "cost", "dsf", "stage"} <= set(match)
+        assert 0 <= match["confidence"] <= 1
+        assert match["stage"] in ("global", "local", "guided")
+
+
+def test_matches_are_one_to_one_and_right(saved: Path) -> None:
+    """Both sides' regions carry the same numbers."""
+    document = read(saved)
+    pairs = [(m["left"], m["right"]) for m in document["matches"]]
+    listed = [{p["id"] for p in document[side]["polygons"]} for side in ("left", "right")]
+    for k in range(2):
+        ids = [p[k] for p in pairs]
+        assert len(set(ids)) == len(ids)
+        assert set(ids) <= listed[k]
+    assert len(pairs) >= 0.9 * len(listed[0] & listed[1])
+    assert sum(a == b for a, b in pairs) >= 0.95 * len(pairs)
+
+
+def test_geojson_names_partners(saved: Path) -> None:
+    document = read(saved)
+    for name, other in (("left", "right"), ("right", "left")):
+        collection = json.loads((saved / f"{name}.geojson").read_text())
+        partners = {f["id"]: f["properties"]["match"] for f in collection["features"]}
+        assert set(partners) == {p["id"] for p in document[name]["polygons"]}
+        assert {k: v for k, v in partners.items() if v is not None} == {m[name]: m[other] for m in document["matches"]}
+
+
+def test_own_output_serves_as_regions(run: Run, pair: Pair, saved: Path, tmp_path: Path) -> None:
+    regions = ["--left-regions", saved / "left.geojson", "--right-regions", saved / "right.geojson"]
+    arguments = ["--segmenter", "precomputed", *regions, "--points", "sift"]
+    assert run("match", pair.left, pair.right, "-o", tmp_path, *arguments).code == 0
+    again, before = read(tmp_path), read(saved)
+    assert [p["vertices"] for p in again["left"]["polygons"]] == [p["vertices"] for p in before["left"]["polygons"]]
+    assert [(m["left"], m["right"]) for m in again["matches"]] == [(m["left"], m["right"]) for m in before["matches"]]
+
+
+def test_summary_table(run: Run, pair: Pair, tmp_path: Path) -> None:
+    code, out, err = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions)
+    assert code == 0
+    assert all(stage in out for stage in [*STAGES, "total"])
+    assert f"{len(read(tmp_path)['matches'])} matches" in out
+    assert all(line.startswith("warning: ") for line in err.splitlines())
+
+
+def test_json_is_one_object_on_stdout(run: Run, pair: Pair, tmp_path: Path) -> None:
+    code, out, err = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions, "--json")
+    summary, document = json.loads(out), read(tmp_path)
+    assert code == 0
+    assert out.count("\n") == 1
+    assert summary["matches"] == sum(summary["by_stage"].values()) == len(document["matches"])
+    assert summary["left_polygons"] == len(document["left"]["polygons"])
+    assert summary["points"] == len(document["points"]["score"])
+    assert summary["warnings"] == document["warnings"]
+    assert list(summary["seconds"]) == STAGES
+    assert summary["out"] == str(tmp_path)
+    assert err.splitlines() == [f"warning: {w}" for w in summary["warnings"]]
+
+
+def test_quiet_prints_warnings_only(run: Run, pair: Pair, tmp_path: Path) -> None:
+    code, out, err = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions, "--quiet")
+    assert (code, out) == (0, "")
+    assert err.splitlines() == [f"warning: {w}" for w in read(tmp_path)["warnings"]]
+
+
+def test_progress_goes_to_the_terminal_on_stderr(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    _, out, err = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions, "--json")
+    assert "detect" not in err
+    _, out, err = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions)
+    assert all(stage in err for stage in STAGES)
+    assert "\x1b[2K" not in out
+
+
+def test_presets_and_settings_are_in_the_result(run: Run, pair: Pair, tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text('seed = 3\ndevice = "cpu"\n[local_match]\niota = 4.0\ngamma = 6\n[points]\nmax_keypoints = 900\n')
+    common = ["match", pair.left, pair.right, "-o", tmp_path / "out", *pair.regions]
+
+    def config(*arguments: object) -> Any:
+        assert run(*common, *arguments).code == 0
+        return read(tmp_path / "out")["config"]
+
+    paper = config("--preset", "paper", "--config", file, "--set", "local_match.gamma=7", "--set", "segment.grid=9")
+    assert paper["local_match"]["shape"] == "graph"
+    assert (paper["local_match"]["iota"], paper["local_match"]["gamma"]) == (4.0, 7)
+    assert (paper["points"]["max_keypoints"], paper["points"]["methods"]) == (900, ["sift"])
+    assert (paper["segment"]["grid"], paper["seed"], paper["device"]) == (9, 3, "cpu")
+    assert config() == json.loads(json.dumps(zpm2.Config.from_dict(_cpu_sift(), zpm2.preset("default")).to_dict()))
+    assert config("--config", file, "--seed", 8)["seed"] == 8
+    assert config("--set", "seed=5")["seed"] == 5
+
+
+def _cpu_sift() -> dict[str, Any]:
+    return {"points": {"methods": ["sift"]}, "device": "cpu"}
+
+
+def test_segmenter_names_the_model(run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[zpm2.Config] = []
+
+    def stand_in(config: zpm2.Config, **options: Any) -> PolygonMatcher:
+        asked.append(config)
+        own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+        return PolygonMatcher(config, **{**options, "segmenter": own})
+
+    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", stand_in)
+    arguments = ["--segmenter", "vit_b", "--points", "sift"]
+    assert run("match", pair.left, pair.right, "-o", tmp_path, *arguments).code == 0
+    assert asked[0].segment.model == "vit_b"
+
+
+def test_same_seed_same_bytes(run: Run, pair: Pair, tmp_path: Path) -> None:
+    for name in "ab":
+        assert run("match", pair.left, pair.right, "-o", tmp_path / name, *pair.regions, "--seed", 1).code == 0
+    for file in FILES:
+        first, second = ((tmp_path / name / file).read_bytes() for name in "ab")
+        if file == "matches.json":
+            first, second = (json.dumps({**json.loads(b), "timings": 0}).encode() for b in (first, second))
+        assert first == second
+
+
+@pytest.fixture
+def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """`zpm2 demo` with the small scene and its own regions; the command line options for it."""
+    own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+    monkeypatch.setattr("zpm2.demo.render_scene", lambda seed: pair.scene)
+    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", partial(PolygonMatcher, segmenter=own))
+    return ["--set", "points.methods=sift", "--device", "cpu"]
+
+
+def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
+    code, out, _ = run("demo", "-o", tmp_path, *quick_demo)
+    assert code == 0
+    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted([*FILES, "left.png", "right.png"])
+    assert "Against the exact depth" in out
+    assert f"Open {tmp_path / 'overlay.png'}" in out
+    assert "zpm2 match left.png right.png -o out" in out
+
+
+def test_demo_as_json(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
+    summary = json.loads(run("demo", "-o", tmp_path, *quick_demo, "--json").out)
+    assert summary["good"] >= 0.9 * summary["scored"] > 20
+    assert 0.8 < summary["coverage"] <= 1
+    assert run("demo", "-o", tmp_path, *quick_demo, "-q").out == ""
+
+
+def test_doctor(run: Run, tmp_path: Path) -> None:
+    findings = json.loads(run("doctor", "--json").out)
+    assert findings["versions"]["zpm2"] == zpm2.__version__
+    assert findings["devices"]["cuda"]
+    assert findings["weights"]["cache"] == str(tmp_path / "cache" / "weights")
+    assert findings["weights"]["mobile_sam"] == "not here"
+    code, out, err = run("doctor")
+    assert (code, err) == (0, "")
+    assert all(str(value) in out for section in findings.values() for value in section.values())
+
+
+def test_doctor_sees_the_weights_folder(run: Run, tmp_path: Path) -> None:
+    item = zpm2.weights.entry("xfeat")
+    with (tmp_path / item.file).open("wb") as file:
+        file.truncate(item.size)
+    findings = json.loads(run("doctor", "--json", "--weights-dir", tmp_path).out)
+    assert findings["weights"]["xfeat"] == str(tmp_path / item.file)
+
+
+def test_version(run: Run) -> None:
+    assert run("--version") == (0, f"{zpm2.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["match"], ["demo"], ["doctor"], ["weights"], ["weights", "list"], ["weights", "get"]]
+)
+def test_help(run: Run, command: list[str]) -> None:
+    code, out, err = run(*command, "--help")
+    assert (code, err) == (0, "")
+    assert f"Usage: zpm2 {' '.join(command)}".rstrip() in out
+    assert max(map(len, out.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("command", [[], ["weights"]])
+def test_no_command_prints_the_help(run: Run, command: list[str]) -> None:
+    code, out, err = run(*command)
+    assert (code, out) == (2, "")
+    assert "Commands:" in err.splitlines()
+
+
+def test_an_interrupt_is_130_and_leaves_nothing(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("zpm2.pipeline.search_candidates", interrupt)
+    out = tmp_path / "out"
+    assert run("match", pair.left, pair.right, "-o", out, *pair.regions).code == 130
+    assert list(out.iterdir()) == []
+
+
+def test_standard_error_is_not_a_terminal_here() -> None:
+    """What the tests of single error lines stand on."""
+    assert not sys.stderr.isatty()

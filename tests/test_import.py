@@ -1,0 +1,47 @@
+"""What is imported when: light things stay light."""
+
+import subprocess
+import sys
+
+import pytest
+
+import zpm2
+
+HEAVY = ("torch", "kornia", "openvino", "cv2", "scipy", "shapely", "requests", "huggingface_hub")
+
+
+def loaded_by(code: str) -> set[str]:
+    """Which of the HEAVY modules a fresh Python has after `code`."""
+    script = f"import sys\n{code}\nprint('modules:', *(m for m in {HEAVY} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(done.stdout.rpartition("modules:")[2].split())
+
+
+def test_the_package_imports_nothing_heavy() -> None:
+    assert loaded_by("import zpm2; dir(zpm2); zpm2.__version__; zpm2.preset('paper'); zpm2.Zpm2Error") == set()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["match", "--help"], ["weights", "list"]])
+def test_the_command_line_answers_without_the_heavy_parts(arguments: list[str]) -> None:
+    code = (
+        f"from zpm2.cli import main\nsys.argv = ['zpm2', *{arguments}]\ntry:\n    main()\nexcept SystemExit:\n    pass"
+    )
+    assert loaded_by(code) == set()
+
+
+def test_results_are_read_without_torch() -> None:
+    assert "torch" not in loaded_by("import zpm2; zpm2.MatchResult; zpm2.Polygon; zpm2.PolygonMatcher")
+
+
+def test_public_names() -> None:
+    assert dir(zpm2) == sorted(zpm2.__all__)
+    for name in zpm2.__all__:
+        assert getattr(zpm2, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'mtach'"):
+        zpm2.mtach  # noqa: B018
+
+
+def test_star_import() -> None:
+    names: dict[str, object] = {}
+    exec("from zpm2 import *", names)
+    assert names["match"] is zpm2.match
