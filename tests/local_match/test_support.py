@@ -1,4 +1,5 @@
 import numpy as np
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import arrays, square, star
@@ -26,17 +27,11 @@ def test_support_is_the_count_of_points_in_both(seed, n):
     for k, (i, j) in enumerate(zip(found.pairs.left, found.pairs.right, strict=True)):
         counts[i, j] = found.counts[k]
         for row in found.point[found.start[k] : found.start[k + 1]]:
-            assert sides[0].shapes[i].covers(point(points.left[row]))
-            assert sides[1].shapes[j].covers(point(points.right[row]))
+            assert sides[0].shapes[i].covers(shapely.Point(points.left[row]))
+            assert sides[1].shapes[j].covers(shapely.Point(points.right[row]))
     for i, left in enumerate(sides[0].polygons):
         for j, right in enumerate(sides[1].polygons):
             assert counts.get((i, j), 0) == reference.deep_spectral_factor(points, left, right)
-
-
-def point(xy):
-    import shapely
-
-    return shapely.Point(xy)
 
 
 def test_nested_polygons_and_holes():

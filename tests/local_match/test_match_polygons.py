@@ -1,0 +1,200 @@
+import dataclasses
+from collections import Counter
+
+import numpy as np
+import pytest
+from shapes import arrays, square
+from twoplanes import Scene, scene
+
+from zpm2.config import PRESETS, Config, LocalConfig
+from zpm2.errors import Failed
+from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.local_match import match_polygons, matcher
+from zpm2.local_match.confidence import confidence
+from zpm2.model import PointMatches, PolygonArrays
+
+PAPER = PRESETS["paper"]
+NEAR, FAR = 40.0, 150.0  # px of disparity between the planes: within reach of the pyramid's window, and out of it
+
+
+def run(given: Scene, config: Config = PAPER, initial: InitialGeometry | None = None):
+    initial = initial or initial_geometry(given.points, config.global_match, config.seed)
+    placement = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    candidates = search_candidates(*given.polygons, placement, config.global_match)
+    return match_polygons(given.images, given.polygons, initial, placement, candidates, config.local_match)
+
+
+def pairs(matches):
+    return {match.left: match.right for match in matches}
+
+
+def with_local(config, **changes):
+    return dataclasses.replace(config, local_match=dataclasses.replace(config.local_match, **changes))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("disparity", [NEAR, FAR])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_every_polygon_finds_its_own(preset, disparity, seed):
+    given = scene(disparity, seed)
+    matches = run(given, PRESETS[preset])
+    assert pairs(matches) == given.truth
+    assert [match.left for match in matches] == sorted(given.truth)
+    assert len({match.right for match in matches}) == len(matches)
+    for match in matches:
+        assert 0.5 < match.overlap <= 1
+        assert 0.5 < match.confidence <= 1
+        assert 0 < match.cost < PRESETS[preset].local_match.iota
+
+
+def test_homologous_vertices_are_vertices_of_both():
+    given = scene(NEAR, jitter=0.02, noise=0.0)
+    left = {p.id: p for p in given.polygons[0].polygons}
+    matches = run(given)
+    same = total = 0
+    for match in matches:
+        a, b = match.nodes.T
+        n = len(left[match.left].exterior)
+        assert len(match.nodes) == n
+        assert sorted(a) == sorted(b) == list(range(n))
+        same, total = same + (a == b).sum(), total + n  # the right rings begin at the same vertex
+    assert same > 0.9 * total
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_what_misled_the_pyramid_is_matched_by_the_local_stage(preset):
+    given = scene(FAR, 2)
+    matches = run(given, PRESETS[preset])
+    stages = {match.left: match.stage for match in matches}
+    assert {stages[k] for k in given.front} == {"local"}
+    assert Counter(stages.values())["global"] > 30
+    assert {k: v for k, v in pairs(matches).items() if k in given.front} == {k: given.truth[k] for k in given.front}
+
+
+def test_without_points_texture_decides():
+    given = scene(NEAR, 3)
+    known = initial_geometry(given.points, PAPER.global_match, 0)
+    blind = dataclasses.replace(known, points=PointMatches.empty())
+    matches = run(given, initial=blind)
+    assert {match.dsf for match in matches} == {0}
+    wrong = [match for match in matches if given.truth.get(match.left) != match.right]
+    assert len(wrong) <= 0.05 * len(given.truth)
+    assert len(matches) >= 0.9 * len(given.truth)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_same_image_twice_without_any_points(preset):
+    given = scene(NEAR)
+    twice = Scene((given.images[0],) * 2, (given.polygons[0],) * 2, PointMatches.empty(), {}, set())
+    matches = run(twice, PRESETS[preset])
+    assert pairs(matches) == {k: k for k in given.polygons[0].ids.tolist()}
+    assert min(match.overlap for match in matches) > 0.95
+
+
+def test_the_order_of_the_polygons_does_not_matter():
+    given = scene(FAR, 1)
+    shuffled = [list(side.polygons) for side in given.polygons]
+    for side in shuffled:
+        np.random.default_rng(0).shuffle(side)
+    again = dataclasses.replace(given, polygons=(PolygonArrays(shuffled[0]), PolygonArrays(shuffled[1])))
+    assert pairs(run(again)) == pairs(run(given))
+
+
+def test_two_runs_give_the_same_numbers():
+    given = scene(FAR, 4)
+    first, second = run(given), run(given)
+    assert len(first) == len(second) > 0
+    for a, b in zip(first, second, strict=True):
+        one, two = dataclasses.asdict(a), dataclasses.asdict(b)
+        assert one.pop("nodes").tobytes() == two.pop("nodes").tobytes()
+        assert one == two
+
+
+def test_greedy_assignment_is_one_to_one_too():
+    given = scene(NEAR, 5)
+    matches = run(given, with_local(PAPER, assign="greedy"))
+    assert len({match.right for match in matches}) == len(matches)
+    right = sum(given.truth.get(k) == v for k, v in pairs(matches).items())
+    assert right > 0.8 * len(given.truth)
+
+
+def test_a_price_of_nothing_matches_nothing():
+    assert run(scene(NEAR), with_local(PAPER, iota=0.0)) == []
+
+
+def test_empty_sides():
+    given, none = scene(NEAR), PolygonArrays([])
+    for side in ((none, given.polygons[1]), (given.polygons[0], none), (none, none)):
+        assert run(dataclasses.replace(given, polygons=side)) == []
+
+
+def test_no_candidates_at_all_are_left_to_the_second_round():
+    given = scene(NEAR)
+    initial = initial_geometry(given.points, PAPER.global_match, 0)
+    n = len(given.polygons[0])
+    nowhere = Placement(np.full((n, 2), np.nan), np.zeros(n, bool), np.zeros(n), np.ones(n, bool))
+    none = Candidates.of(np.zeros(0, np.int64), np.zeros(0, np.int64))
+    matches = match_polygons(given.images, given.polygons, initial, nowhere, none, PAPER.local_match)
+    assert {match.stage for match in matches} == {"local"}
+    assert pairs(matches) == given.truth
+
+
+def test_nothing_known_but_the_polygons():
+    given = scene(NEAR)
+    nothing = InitialGeometry(PointMatches.empty(), Failed("no"), Failed("no"), np.zeros(0, bool), np.zeros(0, bool))
+    matches = run(given, initial=nothing)
+    assert len({match.right for match in matches}) == len(matches)
+    assert all(np.isfinite([m.cost, m.confidence, m.overlap]).all() for m in matches)
+
+
+def test_polygons_on_the_border_and_of_no_texture_do_no_harm():
+    given = scene(NEAR)
+    odd = [square(0, 0, 640, 448), square(639, 447, 640, 448), square(0, 0, 3, 448), square(320, 200, 321, 201)]
+    extra = arrays(odd).polygons
+    sides = tuple(
+        PolygonArrays([*side.polygons, *(dataclasses.replace(p, id=p.id + 900) for p in extra)])
+        for side in given.polygons
+    )
+    matches = run(dataclasses.replace(given, polygons=sides))
+    assert {k: v for k, v in pairs(matches).items() if k < 900} == given.truth
+
+
+def test_evaluated_pairs_grow_with_the_polygons_not_with_their_square(monkeypatch):
+    evaluated = []
+    evaluate = matcher._Evaluator.evaluate
+    monkeypatch.setattr(
+        matcher._Evaluator,
+        "evaluate",
+        lambda self, given, *rest: evaluated.append(len(given)) or evaluate(self, given, *rest),
+    )
+    shares = []
+    for columns, rows in ((6, 5), (16, 12)):
+        monkeypatch.setattr("twoplanes.COLUMNS", columns)
+        monkeypatch.setattr("twoplanes.ROWS", rows)
+        monkeypatch.setattr("twoplanes.SIZE", (64 * columns, 64 * rows))
+        monkeypatch.setattr("twoplanes.FRONT", (3, 1, 5, 3))
+        evaluated.clear()
+        given = scene(NEAR, wrong=0.02)
+        run(given)
+        shares.append(sum(evaluated) / len(given.polygons[0]))
+    assert shares[1] < 1.5 * shares[0]
+
+
+def test_confidence_is_a_share_that_grows_with_the_overlap():
+    overlap = np.linspace(0, 1, 11)
+    sure = confidence(overlap, np.full(11, 5), np.full(11, 0.4), np.full(11, 0.9))
+    assert (sure > 0).all()
+    assert (sure < 1).all()
+    assert (np.diff(sure) > 0).all()
+    assert confidence(np.ones(1), np.array([0]), np.array([-1.0]), np.ones(1)) == pytest.approx(
+        confidence(np.ones(1), np.array([0]), np.array([0.0]), np.ones(1))
+    )
+
+
+@pytest.mark.parametrize("gamma", [1, 10**6])
+def test_both_branches_of_the_cost_alone_find_the_polygons(gamma):
+    given = scene(NEAR, 6)
+    matches = run(given, with_local(PAPER, gamma=gamma))
+    right = sum(given.truth.get(k) == v for k, v in pairs(matches).items())
+    assert right > 0.9 * len(given.truth)
+    assert LocalConfig().gamma != gamma

@@ -1,0 +1,275 @@
+"""The Python API: one call, a matcher that is kept, inputs of every kind, own stages, and what a run tells of itself."""
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+from rendered import Pair, photograph
+
+import zpm2
+from zpm2 import MatchResult, PolygonMatcher
+from zpm2.config import Config, PointsConfig, SegmentConfig
+from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.model import Image, Mask, PointMatches
+from zpm2.pipeline import resolve_device
+
+SIFT = Config(points=PointsConfig(methods=("sift",)), device="cpu")
+
+
+class Squares:
+    """A segmenter: squares of 40 px, numbered by their score's rank."""
+
+    name = "squares"
+
+    def segment(self, image: Image) -> list[Mask]:
+        corners = [(x, y) for y in range(0, image.height - 39, 40) for x in range(0, image.width - 39, 40)]
+        return [Mask(x, y, np.ones((40, 40), bool), 1 - k / 1000) for k, (x, y) in enumerate(corners)]
+
+
+class Nothing:
+    """A segmenter that finds no region."""
+
+    name = "nothing"
+
+    def segment(self, image: Image) -> list[Mask]:
+        return []
+
+
+class Given:
+    """A point matcher that knows its answer."""
+
+    name = "given"
+
+    def __init__(self, points: PointMatches) -> None:
+        self.points = points
+
+    def match(self, left: Image, right: Image) -> PointMatches:
+        return self.points
+
+
+def grid_points(shift: float, step: int = 12) -> PointMatches:
+    x, y = np.meshgrid(np.arange(10.5, 380, step), np.arange(10.5, 230, step))
+    left = np.c_[x.ravel(), y.ravel()]
+    return PointMatches(left, left + [shift, 0.0], np.ones(len(left)))
+
+
+def regions(pair: Pair) -> tuple[PrecomputedSegmenter, PrecomputedSegmenter]:
+    return PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+
+
+def pairs_of(result: MatchResult) -> list[tuple[int, int]]:
+    return [(m.left, m.right) for m in result.matches]
+
+
+def content(result: MatchResult) -> dict[str, Any]:
+    """Everything but times and file names."""
+    values = result.to_dict()
+    for side in ("left", "right"):
+        values[side]["path"] = None
+    return {**values, "timings": None}
+
+
+@pytest.fixture(scope="module")
+def result(pair: Pair) -> MatchResult:
+    return PolygonMatcher(SIFT, segmenter=regions(pair))(pair.left, pair.right)
+
+
+def test_inputs_of_every_kind_agree(pair: Pair, result: MatchResult) -> None:
+    matcher = PolygonMatcher(SIFT, segmenter=regions(pair))
+    scene = pair.scene
+    with PIL.Image.open(pair.left) as left, PIL.Image.open(pair.right) as right:
+        from_pil = matcher(left, right)
+    for other in (
+        matcher(str(pair.left), str(pair.right)),
+        matcher(scene.left, scene.right),
+        matcher(scene.left / 255, scene.right.astype(np.int32)),
+        from_pil,
+    ):
+        assert {**content(other), "warnings": None} == {**content(result), "warnings": None}
+    assert result.left.path == str(pair.left)
+    assert matcher(scene.left, scene.right).left.path is None
+
+
+def test_grey_and_16_bit_arrays(pair: Pair) -> None:
+    grey = [np.asarray(PIL.Image.fromarray(rgb).convert("L")) for rgb in (pair.scene.left, pair.scene.right)]
+    matcher = PolygonMatcher(SIFT, segmenter=regions(pair))
+    plain = matcher(*grey)
+    assert len(plain.matches) > 30
+    deep = matcher(*(g.astype(np.uint16) * 257 for g in grey))
+    assert len(set(pairs_of(deep)) & set(pairs_of(plain))) > 0.9 * len(plain.matches)
+    assert any("16-bit" in warning for warning in deep.warnings)
+
+
+@pytest.mark.parametrize(
+    ("bad", "word"),
+    [
+        (np.full((60, 80), np.nan), "NaN"),
+        (np.zeros((1, 1, 3), np.uint8), "1 x 1 px"),
+        (np.zeros((3, 60, 80), np.uint8), "channels last"),
+        ("nowhere.png", "does not exist"),
+        (None, "got NoneType"),
+    ],
+)
+def test_inputs_that_cannot_be_used(bad: Any, word: str) -> None:
+    good = photograph(0)
+    matcher = PolygonMatcher(SIFT, segmenter=Nothing())
+    for name, inputs in (("left", (bad, good)), ("right", (good, bad))):
+        with pytest.raises(InputError, match=word) as caught:
+            matcher(*inputs)
+        assert str(caught.value).startswith(f"{name} image")
+        assert "\n" not in str(caught.value)
+
+
+def test_match_is_one_call(pair: Pair, result: MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Sam:
+        """Stands for SAM: the known regions, the left image first."""
+
+        name = "stand-in"
+        backend = None
+
+        def __init__(self, *_: object) -> None:
+            self.sources = list(regions(pair))
+
+        def polygons(self, image: Image) -> list[zpm2.Polygon]:
+            return self.sources.pop(0).polygons(image)
+
+    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    found = zpm2.match(pair.left, pair.right, config=SIFT)
+    assert isinstance(found, MatchResult)
+    assert content(found) == content(result) | {"warnings": content(found)["warnings"]}
+    assert result.config == SIFT.to_dict()
+
+
+def test_models_are_loaded_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    loads: list[str] = []
+
+    class Sam(Squares):
+        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any) -> None:
+            loads.append(config.model)
+
+        @property
+        def backend(self) -> None:
+            loads.append("networks")
+
+    def create(*_: object) -> Given:
+        loads.append("points")
+        return Given(grid_points(-5))
+
+    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    monkeypatch.setattr("zpm2.features.create", create)
+    matcher = PolygonMatcher("paper")
+    assert loads == []
+    results = [matcher(pair.left, pair.right), matcher(pair.right, pair.left), matcher(pair.left, pair.right)]
+    assert sorted(loads) == ["mobile_sam", "networks", "points"]
+    assert content(results[0]) == content(results[2])
+    assert content(results[0]) != content(results[1])
+
+
+def test_own_segmenter_and_points(pair: Pair) -> None:
+    rgb = photograph(5)
+    shifted = np.roll(rgb, -40, axis=1)
+    matcher = PolygonMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))
+    found = matcher(rgb, shifted)
+    assert len(found.left.polygons) == len(found.right.polygons) == 60
+    assert len(found.points) == len(grid_points(-40))
+    centers = [{p.id: p.center for p in side.polygons} for side in (found.left, found.right)]
+    moves = np.array([centers[1][m.right] - centers[0][m.left] for m in found.matches])
+    assert len(moves) >= 50
+    assert np.allclose(moves, [-40, 0], atol=0.5)
+
+
+def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Sam(Squares):
+        backend = None
+
+        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any) -> None:
+            self.progress = progress
+
+        def segment(self, image: Image) -> list[Mask]:
+            for share in (0.3, 0.6, 1.0):
+                self.progress(share)
+            return super().segment(image)
+
+    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    told: list[tuple[str, float]] = []
+    matcher = PolygonMatcher(SIFT, progress=lambda stage, share: told.append((stage, share)))
+    for _ in range(2):
+        told.clear()
+        found = matcher(pair.left, pair.right)
+        shares = defaultdict(list)
+        for stage, share in told:
+            shares[stage].append(share)
+        assert list(shares) == list(found.timings) == ["read", "load", "detect", "points", "global", "local"]
+        for values in shares.values():
+            assert values == sorted(values)
+            assert (values[0], values[-1]) == (0, 1)
+        assert shares["detect"][1:-1] == pytest.approx([0.15, 0.3, 0.5, 0.65, 0.8, 1.0])
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_too_few_points_are_no_error(pair: Pair, count: int) -> None:
+    points = grid_points(-10)[np.arange(count)]
+    found = PolygonMatcher(SIFT, segmenter=regions(pair), points=Given(points))(pair.left, pair.right)
+    for estimate in (found.fundamental, found.homography):
+        assert isinstance(estimate, Failed)
+        assert not estimate
+        assert estimate.reason
+    assert found.to_dict()["fundamental"] is found.to_dict()["homography"] is None
+    text = "\n".join(found.warnings)
+    assert "no fundamental matrix: " in text
+    assert f"0 of {count} homologous points agree on one geometry" in text
+    assert len(found.left.polygons) > 30
+
+
+def test_no_regions_are_no_error(pair: Pair) -> None:
+    for segmenters in ((Nothing(), Squares()), (Squares(), Nothing()), (Nothing(), Nothing())):
+        found = PolygonMatcher(SIFT, segmenter=segmenters)(pair.left, pair.right)
+        assert found.matches == []
+        missing = [s for s, segmenter in zip(("left", "right"), segmenters, strict=True) if segmenter.name == "nothing"]
+        for side in missing:
+            assert f"no regions were found in the {side} image" in found.warnings
+        assert "no polygons were matched" in found.warnings
+
+
+def test_notes_of_own_regions_say_whose_they_are(result: MatchResult, pair: Pair, tmp_path: Path) -> None:
+    with_crumb = np.array(PIL.Image.open(pair.left_regions))
+    with_crumb[:3, :3] = 999
+    PIL.Image.fromarray(with_crumb).save(tmp_path / "labels.png")
+    sources = PrecomputedSegmenter(tmp_path / "labels.png"), PrecomputedSegmenter(pair.right_regions)
+    found = PolygonMatcher(SIFT, segmenter=sources)(pair.left, pair.right)
+    assert any(w.startswith("left regions: 1 region under 100 px^2 left out") for w in found.warnings)
+    assert not any(w.startswith("left regions") for w in result.warnings)
+
+
+def test_the_seed_alone_decides(pair: Pair) -> None:
+    import dataclasses
+
+    def once(seed: int) -> MatchResult:
+        config = dataclasses.replace(SIFT, seed=seed)
+        return PolygonMatcher(config, segmenter=regions(pair))(pair.left, pair.right)
+
+    np.random.seed(1)  # noqa: NPY002  (the state of other people's generators must not matter)
+    first = once(4)
+    np.random.seed(2)  # noqa: NPY002
+    assert content(first) == content(once(4))
+
+
+def test_preset_by_name_and_unknown_preset() -> None:
+    assert PolygonMatcher("paper").config == zpm2.preset("paper")
+    with pytest.raises(ConfigError, match="unknown preset 'best'"):
+        PolygonMatcher("best")
+
+
+def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
+    for there, expected in ((True, "cuda"), (False, "cpu")):
+        monkeypatch.setattr("torch.cuda.is_available", lambda there=there: there)
+        assert resolve_device("auto") == expected
+        assert resolve_device("cpu") == "cpu"
+    with pytest.raises(ConfigError, match="device cuda is not available"):
+        resolve_device("cuda")
+    with pytest.raises(ConfigError, match="unknown device 'gpu'"):
+        resolve_device("gpu")

@@ -1,0 +1,210 @@
+"""Results to files and back: nothing lost, nothing half-written, and one line for what cannot be read."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rendered import photograph
+
+from zpm2 import MatchResult, Polygon, PolygonMatch
+from zpm2.errors import Failed, InputError, OutputError
+from zpm2.model import PointMatches
+from zpm2.result import Side
+
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+
+
+def square(id: int, x: float, side: float = 20.0, **more: Any) -> Polygon:
+    return Polygon(id, np.array([[x, 10], [x + side, 10], [x + side, 10 + side], [x, 10 + side]]), **more)
+
+
+def build(left: str | None = "left.png", right: str | None = "right.png") -> MatchResult:
+    """A result with everything in it: holes, parents, labels, homologous vertices, one estimate that failed."""
+    hole = np.array([[15.0, 15], [15, 18.25], [18, 18]])
+    lefts = [square(3, 10, holes=(hole,), score=0.9, label="roof"), square(5, 12, 5.0, parent=3), square(9, 50 + 1 / 3)]
+    rights = [square(0, 8), square(1, 48.125)]
+    nodes = np.array([[0, 1], [2, 3]])
+    return MatchResult(
+        left=Side(100, 60, lefts, left),
+        right=Side(90, 70, rights, right),
+        matches=[PolygonMatch(3, 1, 0.75, 0.125, 12, "global", 0.5, nodes), PolygonMatch(9, 0, 0.3, 2.5, 0, "local")],
+        points=PointMatches(np.array([[1.5, 2], [3, 4.1]]), np.array([[0.5, 2], [2, 4.3]]), np.array([1.0, 0.25])),
+        fundamental=np.array([[0, -1e-7, 0.1], [1 / 3, 0, 2], [3, 4, 5]]),
+        homography=Failed("only 2 homologous points"),
+        config={"seed": 0},
+        timings={"read": 0.12345678, "local": 1.0},
+        warnings=["größer"],
+    )
+
+
+@pytest.fixture
+def result(tmp_path: Path) -> MatchResult:
+    """The same with photographs that exist."""
+    PIL.Image.fromarray(photograph(1, 100, 60)).save(tmp_path / "left.png")
+    PIL.Image.fromarray(photograph(2, 90, 70)).save(tmp_path / "right.png")
+    return build(str(tmp_path / "left.png"), str(tmp_path / "right.png"))
+
+
+def test_round_trip(result: MatchResult, tmp_path: Path) -> None:
+    folder = result.save(tmp_path / "new" / "out")
+    assert sorted(p.name for p in folder.iterdir()) == FILES
+    for path in (folder, str(folder), folder / "matches.json"):
+        loaded = MatchResult.load(path)
+        assert loaded.to_dict() == result.to_dict()
+        assert loaded.to_geojson() == result.to_geojson()
+    assert isinstance(loaded.homography, Failed)
+    assert loaded.homography.reason == "the run found no homography"
+    assert np.array_equal(loaded.fundamental, result.fundamental)  # type: ignore[arg-type]
+    assert loaded.left.polygons[0].area == 400 - shoelace(result.left.polygons[0].holes[0])
+    assert np.array_equal(loaded.matches[0].nodes, [[0, 1], [2, 3]])
+    assert loaded.matches[1].nodes.shape == (0, 2)
+    assert loaded.save(tmp_path / "again") == tmp_path / "again"
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
+
+
+def shoelace(ring: np.ndarray[Any, Any]) -> float:
+    x, y = ring.T
+    return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+
+
+coordinates = st.floats(-1e6, 1e6, allow_nan=False)
+rings = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=6).map(lambda v: np.array(v, np.float64))
+
+
+@given(rings, st.floats(0, 1), st.floats(0, 1e300), st.integers(0, 2**53))
+def test_numbers_keep_every_bit(
+    tmp_path_factory: pytest.TempPathFactory, ring: Any, score: float, cost: float, id: int
+) -> None:
+    before = build()
+    polygon = Polygon(id, ring, score=score)
+    match = PolygonMatch(id, 1, score, cost, 3, "guided", score)
+    points = PointMatches(ring, ring[::-1], np.full(len(ring), score))
+    one = MatchResult(
+        Side(100, 60, [polygon]), before.right, [match], points, before.fundamental, before.homography, {}, {}
+    )
+    file = tmp_path_factory.mktemp("bits") / "matches.json"
+    file.write_text(json.dumps(one.to_dict()))
+    again = MatchResult.load(file)
+    assert again.to_dict() == one.to_dict()
+    assert again.left.polygons[0].exterior.tobytes() == ring.tobytes()
+    assert again.points.right.tobytes() == points.right.tobytes()
+
+
+def test_geojson_of_both_sides(result: MatchResult) -> None:
+    collections = result.to_geojson()
+    assert list(collections) == ["left", "right"]
+    matched = {f["id"]: f["properties"]["match"] for f in collections["left"]["features"]}
+    assert matched == {3: 1, 5: None, 9: 0}
+    assert {f["id"]: f["properties"]["match"] for f in collections["right"]["features"]} == {0: 9, 1: 3}
+    assert collections["right"]["image"] == {"name": result.right.path, "width": 90, "height": 70}
+    assert build(None).to_geojson()["left"]["image"]["name"] == "left"
+
+
+def test_plot_from_the_photographs_of_a_loaded_result(result: MatchResult, tmp_path: Path) -> None:
+    loaded = MatchResult.load(result.save(tmp_path / "out"))
+    picture = loaded.plot(max_width=600)
+    assert max(picture.size) <= 600
+    assert np.asarray(picture).std() > 10
+    assert picture.tobytes() == result.plot(max_width=600).tobytes()
+
+
+def test_plot_without_the_photographs(result: MatchResult, tmp_path: Path) -> None:
+    loaded = MatchResult.load(result.save(tmp_path / "out"))
+    PIL.Image.fromarray(photograph(2, 91, 70)).save(tmp_path / "right.png")
+    with pytest.raises(InputError, match=r"right.png has 91 x 70 px and had 90 x 70 px"):
+        loaded.plot()
+    (tmp_path / "left.png").unlink()
+    with pytest.raises(InputError, match=r"left image .*left.png does not exist"):
+        loaded.plot()
+    with pytest.raises(InputError, match="left photograph was given as pixels"):
+        build(None).plot()
+
+
+def test_a_result_that_cannot_be_drawn_writes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="given as pixels"):
+        build(None).save(tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_save_into_a_place_that_is_none(result: MatchResult, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(OutputError, match="output folder"):
+            result.save(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot read .*; give the folder that zpm2 match wrote"),
+        (b"", "is no JSON"),
+        (b'{"schema": "zpm2-ma', "is no JSON"),
+        (b"\xff\xfe\x00", "is no JSON"),
+        (b"[]", "is no zpm2-matches/1 file"),
+        (b"{}", "is no zpm2-matches/1 file"),
+        (b'{"schema": "zpm2-matches/2"}', "is no zpm2-matches/1 file"),
+        (b'{"type": "FeatureCollection", "features": []}', "is no zpm2-matches/1 file"),
+        (b'{"schema": "zpm2-matches/1"}', "is not complete"),
+    ],
+)
+def test_files_that_are_no_result(tmp_path: Path, content: bytes | None, words: str) -> None:
+    if content is not None:
+        (tmp_path / "matches.json").write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        MatchResult.load(tmp_path)
+    assert str(tmp_path / "matches.json") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def load(document: Any, tmp_path: Path) -> MatchResult:
+    file = tmp_path / "matches.json"
+    file.write_text(json.dumps(document))
+    return MatchResult.load(file)
+
+
+def places(value: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The path of every member of nested lists and dictionaries."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [place for key, inner in items for place in [(*here, key), *places(inner, (*here, key))]]
+
+
+def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
+    document = json.loads(json.dumps(build().to_dict()))
+    inner = document
+    for key in place[:-1]:
+        inner = inner[key]
+    change(inner, place[-1])
+    return document
+
+
+def test_a_missing_member_is_named(tmp_path: Path) -> None:
+    members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
+    optional = {"label", "area", "nodes", "overlap"}
+    missed = [p for p in members if p[-1] not in optional]
+    assert len(missed) > 40
+    for place in missed:
+        with pytest.raises(InputError, match=rf"'?{place[-1]}'?|zpm2-matches"):
+            load(changed(place, lambda inner, key: inner.pop(key)), tmp_path)
+
+
+@pytest.mark.parametrize("value", [None, 5, -1.5, "x", [], {}, [[1, 2]], float("nan"), True])
+def test_a_member_of_a_wrong_kind_is_an_input_error_or_harmless(tmp_path: Path, value: Any) -> None:
+    """Whatever stands where, a result that loads can be written again."""
+    refused = 0
+    for place in places(build().to_dict()):
+        try:
+            found = load(changed(place, lambda inner, key: inner.__setitem__(key, value)), tmp_path)
+        except InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+        else:
+            found.to_dict()
+            found.to_geojson()
+    assert refused > 10
