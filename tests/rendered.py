@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -48,13 +48,15 @@ class Pair:
 def save_pair(scene: Scene, folder: Path) -> Pair:
     """Writes photographs and label images."""
     labels = regions_of(scene.disparity)
-    names = "left.png", "right.png", "left_labels.png", "right_labels.png"
-    for name, pixels in zip(names, (scene.left, scene.right, labels, _carried(labels, scene)), strict=True):
-        PIL.Image.fromarray(pixels).save(folder / name)
-    return Pair(scene, *(folder / name for name in names))
+    pair = Pair(scene, *(folder / f"{name}.png" for name in ("left", "right", "left_labels", "right_labels")))
+    PIL.Image.fromarray(scene.left).save(pair.left)
+    PIL.Image.fromarray(scene.right).save(pair.right)
+    PIL.Image.fromarray(labels).save(pair.left_regions)
+    PIL.Image.fromarray(_carried(labels, scene)).save(pair.right_regions)
+    return pair
 
 
-def regions_of(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
+def regions_of(disparity: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
     """(h, w) labels from 1 on: pieces of like depth, cut at a grid; 0 where pieces are small."""
     rows, columns = np.indices(disparity.shape)
     layer = np.floor(disparity / STEP).astype(np.int64)
@@ -75,7 +77,7 @@ def photograph(seed: int, width: int = 400, height: int = 240) -> NDArray[np.uin
     for octave in range(2, 8):
         grid = random.standard_normal((2**octave, 2**octave, 3)).astype(np.float32)
         out += cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC) / octave
-    return np.clip(out / out.std() * 50 + 128, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(out / out.std() * 50 + 128, 0, 255), np.uint8)
 
 
 def _carried(labels: NDArray[np.uint16], scene: Scene) -> NDArray[np.uint16]:

@@ -199,10 +199,10 @@ def test_a_member_of_a_wrong_kind_is_an_input_error_or_harmless(tmp_path: Path, 
     """Whatever stands where, a result that loads can be written again."""
     refused = 0
     for place in places(build().to_dict()):
+        document = changed(place, lambda inner, key: inner.__setitem__(key, value))
         try:
-            found = load(changed(place, lambda inner, key: inner.__setitem__(key, value)), tmp_path)
-        except InputError as error:
-            assert "\n" not in str(error)
+            found = load(document, tmp_path)
+        except InputError:
             refused += 1
         else:
             found.to_dict()

@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,8 @@ app.add_typer(weights_app, name="weights")
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+SEGMENTERS = ("mobile_sam", "vit_b", "vit_l", "vit_h", "precomputed")
 
 Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
@@ -97,15 +99,24 @@ def match_command(
     from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
+    if segmenter not in (None, *SEGMENTERS):
+        raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     model = None if segmenter == "precomputed" else segmenter
     options = {"segment.model": model, "points.methods": points, "device": device, "seed": seed}
     config = _config(preset, config_file, settings, options)
     own = _own_regions(segmenter, left_regions, right_regions, config)
     _use_weights(weights_dir)
+    fresh = not out.exists()
     output_folder(out, (left, right))
-    with _progress(quiet or as_json) as (progress, say):
-        result = PolygonMatcher(config, segmenter=own, progress=progress, say=say)(left, right)
-        result.save(out)
+    try:
+        with _progress(quiet or as_json) as (progress, say):
+            result = PolygonMatcher(config, segmenter=own, progress=progress, say=say)(left, right)
+            result.save(out)
+    except Zpm2Error:
+        if fresh:
+            with suppress(OSError):  # not empty: somebody else put something there
+                out.rmdir()
+        raise
     _report(result, out, quiet, as_json)
 
 

@@ -44,7 +44,7 @@ class VectorizeConfig:
 class PointsConfig:
     """Homologous points (paper 3.2). Several matchers are combined, as the paper does."""
 
-    methods: tuple[str, ...] = ("xfeat",)  # sift, xfeat, xfeat-dense, disk, aliked, superpoint
+    methods: tuple[str, ...] = ("xfeat",)  # see zpm2.features.METHODS
     max_keypoints: int = 4096  # per image and method
     max_size: int = 1600  # px, the longer image side given to learned detectors; points come back in original px
     min_score: float = 0.1  # 0..1, the matcher's own
@@ -74,6 +74,7 @@ class LocalConfig:
     neighbors: int = 8  # k of the node embedding
     z: float = 5.0  # scaling factor of beta
     gamma: int = 8  # DSF from which a local homography is estimated
+    few_points: bool = False  # below gamma, DSF counts for its share where it says more than texture
     iota: float = 5.0  # similarity threshold: a pair that costs more stays unmatched
     epsilon: float = 1e-6  # of the cost
     patch: int = 32  # px, side of the resampled texture patches
@@ -236,5 +237,5 @@ SHARES = (
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),
-    "default": Config(local_match=LocalConfig(shape="overlap")),
+    "default": Config(local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35)),
 }

@@ -64,7 +64,8 @@ class PolygonMatcher:
             segmenters, matcher = self._load()
         with clock("detect"):
             self._sides_done = 0
-            polygons = tuple(self._polygons(s, image) for s, image in zip(segmenters, images, strict=True))
+            found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
+            polygons, notes = zip(*found, strict=True)
         with clock("points"):
             points = matcher.match(*images)
         with clock("global"):
@@ -84,33 +85,37 @@ class PolygonMatcher:
             homography=initial.homography,
             config=config.to_dict(),
             timings=clock.seconds,
-            warnings=_warnings(images, segmenters, polygons, initial, len(matches)),
+            warnings=_warnings(images, notes, polygons, initial, len(matches)),
         )
 
     def _load(self) -> tuple[tuple[Segmenter, Segmenter], PointMatcher]:
         if self._points is None:
             from zpm2 import features
 
-            self._points = features.create(self.config.points, self.device, self.config.seed)
+            self._points = features.create(self.config.points, self.device, progress=self._download)
         if self._segmenters is None:
             from zpm2.detect.sam import SamSegmenter
 
-            sam = SamSegmenter(self.config.segment, self.device, self.say, self._detect_progress)
-            sam.backend  # noqa: B018  (loads, so that the time counts as loading)
+            sam = SamSegmenter(self.config.segment, self.device, self.say, self._detect_progress, self._download)
+            sam.load()  # now, so that the time counts as loading
             self._segmenters = (sam, sam)
         return self._segmenters, self._points
+
+    def _download(self, done: int, total: int) -> None:
+        self.progress("load", done / max(total, 1))
 
     def _detect_progress(self, share: float) -> None:
         self.progress("detect", (self._sides_done + share) / 2)
 
-    def _polygons(self, segmenter: Segmenter, image: Image) -> list[Polygon]:
+    def _polygons(self, segmenter: Segmenter, image: Image) -> tuple[list[Polygon], list[str]]:
+        """The polygons of one side, and what the segmenter has to say about them."""
         if isinstance(segmenter, PolygonSource):
             found = segmenter.polygons(image)
         else:
             size = image.width, image.height
             found = vectorize(segmenter.segment(image), self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
-        return found
+        return found, list(getattr(segmenter, "notes", []))
 
 
 def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
@@ -151,28 +156,24 @@ class _Clock:
 
 def _warnings(
     images: tuple[Image, Image],
-    segmenters: tuple[Segmenter, Segmenter],
+    notes: tuple[list[str], ...],
     polygons: tuple[list[Polygon], ...],
     initial: InitialGeometry,
     matches: int,
 ) -> list[str]:
     sides = ("left", "right")
     found = [f"{side} image: {note}" for side, image in zip(sides, images, strict=True) for note in image.notes]
-    noted: dict[str, None] = {}
-    for side, segmenter in zip(sides, segmenters, strict=True):
-        shared = segmenters[0] is segmenters[1]
-        noted.update({note if shared else f"{side} regions: {note}": None for note in getattr(segmenter, "notes", [])})
-    found += list(noted)
+    both = [note for note in notes[0] if note in notes[1]]  # said once, where it holds for both
+    found += both
+    found += [f"{s} regions: {note}" for s, of in zip(sides, notes, strict=True) for note in of if note not in both]
     found += [f"no regions were found in the {s} image" for s, p in zip(sides, polygons, strict=True) if not p]
     for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
         if isinstance(estimate, Failed):
             found.append(f"no {name}: {estimate.reason}")
-    total = len(initial.points)
-    agreeing = 0 if isinstance(initial.fundamental, Failed) else int(initial.consistent.sum())
-    if agreeing < max(20, 0.15 * total):
+    if not initial.supported:
         found.append(
             "the photographs may not show the same scene: "
-            f"{agreeing} of {total} homologous points agree on one geometry"
+            f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry"
         )
     if matches == 0:
         found.append("no polygons were matched")

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,7 @@ class MatchResult:
             raise InputError(f"{file} is no {SCHEMA} file; give the folder that zpm2 match wrote")
         try:
             return _from_dict(document)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
 
 
@@ -158,24 +159,28 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
     return MatchResult(
         left=_side_from_dict(document["left"]),
         right=_side_from_dict(document["right"]),
-        matches=[
-            PolygonMatch(**{**match, "nodes": np.array(match.get("nodes", []), np.int64).reshape(-1, 2)})
-            for match in document["matches"]
-        ],
+        matches=[_match_from_dict(match) for match in document["matches"]],
         points=PointMatches(points["left"].reshape(-1, 2), points["right"].reshape(-1, 2), points["score"]),
         fundamental=_matrix_from_list(document["fundamental"], "fundamental matrix"),
         homography=_matrix_from_list(document["homography"], "homography"),
         config=dict(document["config"]),
-        timings=dict(document["timings"]),
+        timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
         version=document["version"],
     )
 
 
+def _match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
+    ids = {side: index(values[side]) for side in ("left", "right")}
+    nodes = np.array(values.get("nodes", []), np.int64).reshape(-1, 2)
+    known: dict[str, Any] = {name: values[name] for name in ("confidence", "cost", "dsf", "stage", "overlap")}
+    return PolygonMatch(**known, **ids, nodes=nodes)
+
+
 def _side_from_dict(values: Mapping[str, Any]) -> Side:
     polygons = [
         Polygon(
-            id=p["id"],
+            id=index(p["id"]),
             exterior=_ring(p["vertices"]),
             holes=tuple(_ring(hole) for hole in p["holes"]),
             score=p["score"],

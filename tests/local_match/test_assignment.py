@@ -64,6 +64,23 @@ def test_a_negative_correlation_never_attracts(psi, texture):
     assert cost(psi, 0, texture) > UNMATCHED
 
 
+@given(st.floats(0.01, 1), st.integers(0, 2 * GAMMA), st.floats(-1, 1))
+def test_few_points_count_where_texture_says_less(psi, dsf, texture):
+    columns = np.array([psi]), np.array([dsf]), np.array([texture])
+    few = float(assignment.matching_cost(*columns, GAMMA, EPSILON, few_points=True)[0])
+    if dsf >= GAMMA or texture >= dsf / GAMMA or dsf == 0:
+        assert few == cost(psi, dsf, texture)
+    else:
+        assert few == pytest.approx(1 / (psi * dsf / GAMMA + EPSILON))
+        assert few < cost(psi, dsf, texture)
+
+
+def test_without_a_threshold_points_always_decide():
+    for few_points in (False, True):
+        zeta = assignment.matching_cost(np.ones(2), np.array([0, 3]), np.zeros(2), 0, EPSILON, few_points)
+        assert zeta == pytest.approx(1 / (np.log(np.array([0, 3]) + np.e) + EPSILON))
+
+
 @given(seeds, st.integers(1, 4), st.integers(1, 5), st.sampled_from([0.3, 0.7, 1.0]), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_optimal_is_the_best_of_all(seed, m, n, share, ties):

@@ -128,11 +128,12 @@ def test_empty_sides():
         assert run(dataclasses.replace(given, polygons=side)) == []
 
 
-def test_no_candidates_at_all_are_left_to_the_second_round():
+@pytest.mark.parametrize("off", [np.nan, 5000.0])
+def test_without_places_the_second_round_does_it_all(off):
     given = scene(NEAR)
     initial = initial_geometry(given.points, PAPER.global_match, 0)
     n = len(given.polygons[0])
-    nowhere = Placement(np.full((n, 2), np.nan), np.zeros(n, bool), np.zeros(n), np.ones(n, bool))
+    nowhere = Placement(given.polygons[0].centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool))
     none = Candidates.of(np.zeros(0, np.int64), np.zeros(0, np.int64))
     matches = match_polygons(given.images, given.polygons, initial, nowhere, none, PAPER.local_match)
     assert {match.stage for match in matches} == {"local"}

@@ -71,18 +71,21 @@ def test_exact_points_give_the_exact_map_and_that_of_opencv(seed, count, with_pr
         assert mapped(matrix, center[None]) == pytest.approx(mapped(truth[g], center[None]), abs=near)
 
 
-@given(seeds)
-@settings(max_examples=25, deadline=None)
-def test_one_point_in_five_may_be_wrong(seed):
-    _, prior, left, right, group = regions(seed, 30)
-    rng = np.random.default_rng(seed)
-    noisy = right + rng.normal(0, 0.2, right.shape)
-    wrong = np.arange(len(left)) % 5 == 0
-    angle = rng.uniform(0, 2 * np.pi, len(left))
-    noisy[wrong] += (rng.uniform(15, 80, len(left))[:, None] * np.c_[np.cos(angle), np.sin(angle)])[wrong]
-    for g, matrix in enumerate(fit(left, noisy, group, prior)):
-        mine = (group == g) & ~wrong
-        assert np.median(np.linalg.norm(mapped(matrix, left[mine]) - right[mine], axis=1)) < 0.5
+@pytest.mark.parametrize("count", [15, 30, 60])
+def test_one_point_in_five_may_be_wrong(count):
+    errors = []
+    for seed in range(60):
+        _, prior, left, right, group = regions(seed, count)
+        rng = np.random.default_rng(seed)
+        noisy = right + rng.normal(0, 0.2, right.shape)
+        wrong = np.arange(len(left)) % 5 == 0
+        angle = rng.uniform(0, 2 * np.pi, len(left))
+        noisy[wrong] += (rng.uniform(15, 80, len(left))[:, None] * np.c_[np.cos(angle), np.sin(angle)])[wrong]
+        for g, matrix in enumerate(fit(left, noisy, group, prior)):
+            mine = (group == g) & ~wrong
+            errors.append(np.median(np.linalg.norm(mapped(matrix, left[mine]) - right[mine], axis=1)))
+    assert np.median(errors) < 0.2
+    assert np.quantile(errors, 0.95) < 0.4
 
 
 @given(seeds, st.sampled_from([1, 2, 3, "collinear", "one place"]))
@@ -149,7 +152,7 @@ def test_placed_maps_put_the_centre_to_its_place():
     each = Candidates(np.arange(2), np.arange(2))
     for h in (homography, Failed("none")):
         initial = InitialGeometry(PointMatches.empty(), Failed("none"), h, np.zeros(0, bool), np.zeros(0, bool))
-        matrices = placed_maps(each, polygons, placement, initial).matrices
+        matrices = placed_maps(each, polygons, placement, initial)
         for k in range(2):
             center = polygons.centers[k]
             assert mapped(matrices[k], center[None])[0] == pytest.approx(places[k])

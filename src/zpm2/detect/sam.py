@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.detect import masks
 from zpm2.detect.sam_backend import SamBackend, open_backend
@@ -39,8 +40,8 @@ class _Found:
 class SamSegmenter:
     """SAM behind the `Segmenter` protocol. Loads its networks on first use and keeps them.
 
-    `notes` holds what a user should know about how it runs. `say` is told about a conversion in progress, and
-    `progress` the share of an image's prompts that is done, 0..1.
+    `notes` holds what a user should know about how it runs. `say` is told about a conversion in progress,
+    `progress` the share of an image's prompts that is done, 0..1, and `download` the bytes of missing weights.
     """
 
     def __init__(
@@ -49,44 +50,45 @@ class SamSegmenter:
         device: str = "cpu",
         say: Callable[[str], None] = lambda _: None,
         progress: Callable[[float], None] = lambda _: None,
+        download: weights.Progress = lambda done, total: None,
     ) -> None:
-        self.config, self.device, self.say, self.progress = config, device, say, progress
+        self.config, self.device = config, device
+        self.say, self.progress, self.download = say, progress, download
         self.name: str = config.model
         self.notes: list[str] = []
         self._backend: SamBackend | None = None
 
-    @property
-    def backend(self) -> SamBackend:
+    def load(self) -> SamBackend:
         """The networks, loaded (and converted, once per machine) when first asked for."""
         if self._backend is None:
-            self._backend = open_backend(self.config.model, self.config.backend, self.device, self.say)
+            self._backend = open_backend(self.config.model, self.config.backend, self.device, self.say, self.download)
             if self.config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
                 self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
         return self._backend
 
     def segment(self, image: Image) -> list[Mask]:
         """Every region that the prompts find, best score first."""
-        scale = SIDE / max(image.width, image.height)
-        parts = self.backend.image(encoder_input(image, scale))
+        backend, scale = self.load(), SIDE / max(image.width, image.height)
+        parts = backend.image(encoder_input(image, scale))
         grid = (np.arange(self.config.grid) + 0.5) / self.config.grid
         x, y = np.meshgrid(grid * image.width * scale, grid * image.height * scale)
         prompts = np.c_[x.ravel(), y.ravel()][:, None]
         valid = np.ceil(np.array([image.height, image.width]) * scale * LOW / SIDE).astype(int)
         found = []
         for start in range(0, len(prompts), BATCH):
-            found.append(self._decode(parts, prompts[start : start + BATCH], valid))
+            found.append(self._decode(backend, parts, prompts[start : start + BATCH], valid))
             self.progress(min(1.0, (start + BATCH) / len(prompts)))
         return self._finish(_Found.join(found), image, scale)
 
-    def _decode(self, parts: Any, points: NDArray[np.float64], valid: NDArray[np.int64]) -> _Found:
+    def _decode(self, backend: SamBackend, parts: Any, points: NDArray[np.float64], valid: NDArray[np.int64]) -> _Found:
         """One batch of point prompts (B, 1, 2), px of the encoder's square -> the masks that pass the filters."""
         config = self.config
-        iou, hyper, tokens = self.backend.prompt(parts, self.backend.embed(points, np.array([1])))
+        iou, hyper, tokens = backend.prompt(parts, backend.embed(points, np.array([1])))
         iou, hyper = iou[:, 1:], hyper[:, 1:]  # the first mask is the single-mask answer, for several prompts at once
         rows = np.flatnonzero((iou >= config.min_predicted_iou).any(1))
         if len(rows) == 0:
             return _Found(np.zeros(0, np.float32), np.zeros((0, LOW, LOW), np.float16))
-        logits = self.backend.mask(tokens, rows, hyper[rows])
+        logits = backend.mask(tokens, rows, hyper[rows])
         good = iou[rows] >= config.min_predicted_iou
         logits, score = logits[good], iou[rows][good]
         logits[:, valid[0] :] = logits[:, :, valid[1] :] = -np.inf  # the padding is no part of the image

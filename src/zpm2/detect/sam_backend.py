@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
@@ -27,7 +28,7 @@ NETWORKS = ("image", "prompt", "mask")
 
 
 class SamBackend(Protocol):
-    """The three networks of `sam_network`, arrays in and arrays out. What `image` returns is for `prompt` only.""" ""
+    """The three networks of `sam_network`, arrays in and arrays out. What `image` returns is for `prompt` only."""
 
     name: str
 
@@ -44,7 +45,9 @@ class SamBackend(Protocol):
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, 256, 256)."""
 
 
-def open_backend(model: str, backend: str, device: str, say: Say) -> SamBackend:
+def open_backend(
+    model: str, backend: str, device: str, say: Say, download: weights.Progress | None = None
+) -> SamBackend:
     """The backend that the configuration asks for ("auto": openvino on a CPU where it is installed, else torch).
 
     `say` is told when networks are being converted, which takes half a minute once.
@@ -54,6 +57,7 @@ def open_backend(model: str, backend: str, device: str, say: Say) -> SamBackend:
     installed = find_spec("openvino") is not None
     if backend == "openvino" and not installed:
         raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
+    weights.get(WEIGHTS[model], progress=download)
     if device == "cpu" and installed and backend != "torch":
         return OpenVinoBackend(model, say)
     return TorchBackend(model, device)
@@ -146,8 +150,9 @@ def _converted(model: str, openvino_version: str, say: Say) -> Path:
     fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         _convert(model, fresh)
-        shutil.rmtree(folder, ignore_errors=True)
-        fresh.rename(folder)
+        with suppress(OSError):  # not empty: another process was faster, and its networks are as good
+            folder.rmdir()
+            fresh.rename(folder)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
     return folder

@@ -12,11 +12,11 @@ from zpm2.weights import Progress
 METHODS = ("sift", "xfeat", "xfeat-dense", "disk", "aliked", "aliked-n16rot", "aliked-n32", "superpoint")
 
 
-def create(config: PointsConfig, device: str = "cpu", seed: int = 0, progress: Progress | None = None) -> Combined:
+def create(config: PointsConfig, device: str = "cpu", progress: Progress | None = None) -> Combined:
     """The matcher that `config` describes: one method, or several with their matches together.
 
-    `device` is "cpu" or "cuda"; SIFT always runs on the CPU. `seed` is part of every stage's interface: no method here
-    draws a random number. `progress` is told how downloads get on. Raises `ConfigError` for a name that is not in
+    `device` is "cpu" or "cuda"; SIFT always runs on the CPU. No method draws a random number.
+    `progress` is told how downloads get on. Raises `ConfigError` for a name that is not in
     `METHODS`, before anything is loaded, and `WeightsError` where weights cannot be had.
     """
     for name in config.methods:

@@ -10,6 +10,8 @@ from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches
 
+AGREEING, AGREEING_SHARE = 20, 0.15  # points, and share of them, from which a geometry is believed
+
 
 @dataclass(frozen=True, eq=False)
 class InitialGeometry:
@@ -24,6 +26,17 @@ class InitialGeometry:
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
     consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
     planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
+
+    @property
+    def agreeing(self) -> int:
+        """How many points agree on one epipolar geometry; 0 where there is none."""
+        return 0 if isinstance(self.fundamental, Failed) else int(self.consistent.sum())
+
+    @property
+    def supported(self) -> bool:
+        """Whether enough points agree to believe that both photographs show the same scene: F fits a few points of any
+        two photographs."""
+        return self.agreeing >= max(AGREEING, AGREEING_SHARE * len(self.points))
 
 
 def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> InitialGeometry:

@@ -68,6 +68,8 @@ def _why(error: OSError, path: Path) -> str:
         return "a part of the path is a file, not a folder; give another path"
     if error.errno == errno.EISDIR or path.is_dir():
         return "there is a folder of that name; give another path"
+    if error.errno == errno.ENOENT and path.parent.is_dir():
+        return "it cannot be created there; give another path"
     if error.errno == errno.ENOENT:
         return f"the folder {path.parent} does not exist; create it first"
     return (error.strerror or str(error)).lower()

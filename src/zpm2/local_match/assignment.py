@@ -12,12 +12,19 @@ Array = NDArray[np.float64]
 DENSE = 64  # polygons of a side up to which a component is solved as a dense matrix
 
 
-def matching_cost(psi: Array, dsf: NDArray[np.int64], texture: Array, gamma: int, epsilon: float) -> Array:
+def matching_cost(
+    psi: Array, dsf: NDArray[np.int64], texture: Array, gamma: int, epsilon: float, few_points: bool = False
+) -> Array:
     """zeta of Eq. (cost), (c,), > 0: shape and DSF where there are enough points, else shape and texture.
 
     A negative correlation counts as none: the printed formula would turn it into a negative, most attractive cost.
+    With `few_points`, points below gamma count for their share of it where texture says less: small polygons have few
+    points, and little texture once their outlines differ by a pixel.
     """
-    similar = np.where(dsf >= gamma, psi * np.log(dsf + np.e), psi * np.maximum(texture, 0.0))
+    support = np.maximum(texture, 0.0)
+    if few_points:
+        support = np.maximum(support, dsf / max(gamma, 1))
+    similar = psi * np.where(dsf >= gamma, np.log(dsf + np.e), support)
     return np.asarray(1.0 / (similar + epsilon))
 
 

@@ -7,6 +7,7 @@ Array = NDArray[np.float64]
 
 # Logistic weights of: intercept, overlap of the rectified shapes, log(1 + DSF), texture correlation, area ratio.
 WEIGHTS = np.array([-4.0, 6.0, 0.4, 0.5, 1.0])
+UNSUPPORTED = 0.5  # factor where the two photographs may not show the same scene
 
 
 def confidence(overlap: Array, dsf: NDArray[np.int64], texture: Array, area_ratio: Array) -> Array:

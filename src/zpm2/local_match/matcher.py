@@ -13,7 +13,7 @@ from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.local_match import assignment, rectify, shape, texture
-from zpm2.local_match.confidence import confidence
+from zpm2.local_match.confidence import UNSUPPORTED, confidence
 from zpm2.local_match.support import Support, lookup, support
 from zpm2.model import Image, PolygonArrays, PolygonMatch, Stage
 
@@ -50,11 +50,9 @@ class _Evaluator:
         self.initial, self.placement, self.config = initial, placement, config
         self.support: Support = support(initial.points, self.left, self.right)
         each = np.arange(len(self.left))
-        maps = rectify.placed_maps(Candidates(each, each), self.left, placement, initial).matrices
-        reached = np.isfinite(maps).all((1, 2))
-        maps[~reached] = np.eye(3)
+        maps = rectify.placed_maps(Candidates(each, each), self.left, placement, initial)
+        maps[~np.isfinite(maps).all((1, 2))] = np.eye(3)
         frames = rectify.rectified_shapes(self.left, each, maps)
-        frames[~reached] = shapely.Polygon()
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
         self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps).astype(np.float64), config.patch)
         self.right_patches = texture.Patches(images[1], self.right.shapes, identity, config.patch)
@@ -73,14 +71,14 @@ class _Evaluator:
         area = shape.area_ratio(shapely.area(rectified), self.right.areas[pairs.right])
         psi = overlap if config.shape == "overlap" else area * self._graph(rectified, pairs)[0]
         r = texture.correlation(self.left_patches, pairs.left, self.right_patches, pairs.right)
-        cost = assignment.matching_cost(psi, dsf, r, config.gamma, config.epsilon)
+        cost = assignment.matching_cost(psi, dsf, r, config.gamma, config.epsilon, config.few_points)
         return Evidence(pairs, dsf, rectified, overlap, area, psi, r, cost)
 
     def _maps(self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], placement: Placement) -> Array:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
         point on, the placed map otherwise."""
         points = self.initial.points
-        matrices = rectify.placed_maps(pairs, self.left, placement, self.initial).matrices
+        matrices = rectify.placed_maps(pairs, self.left, placement, self.initial)
         matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
         some = np.flatnonzero(dsf > 0)
         if len(some) == 0:
@@ -90,8 +88,10 @@ class _Evaluator:
         first = np.cumsum(count) - count
         point = self.support.point[np.arange(len(group)) - first[group] + start[group]]
         moved = np.einsum("kij,kj->ki", matrices[some][group][:, :2, :2], points.left[point])
-        shift = np.add.reduceat(points.right[point] - moved, first, axis=0) / count[:, None]
-        matrices[some, :2, 2] = shift
+        shift = points.right[point] - moved
+        matrices[some, :2, 2] = np.c_[
+            [rectify.group_median(axis, group, first, count.astype(float)) for axis in shift.T]
+        ].T
         many = count >= self.config.gamma
         if many.any():
             keep = many[group]
@@ -174,6 +174,8 @@ def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int6
         return []
     i, j = evidence.pairs.left[rows], evidence.pairs.right[rows]
     sure = confidence(evidence.overlap[rows], evidence.dsf[rows], evidence.texture[rows], evidence.area[rows])
+    if not evaluator.initial.supported:
+        sure *= UNSUPPORTED
     nodes = evaluator.nodes(evidence, rows)
     return [
         PolygonMatch(

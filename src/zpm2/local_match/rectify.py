@@ -4,8 +4,6 @@ With enough homologous points inside both polygons (DSF >= gamma) a homography o
 otherwise the polygon goes to its place from the pyramid with the local affine part of the global homography.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -17,20 +15,13 @@ from zpm2.model import PointMatches, PolygonArrays
 
 Array = NDArray[np.float64]
 SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
-STEPS = 6  # of reweighting
+STEPS = 8  # of reweighting
 PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
 
 
-@dataclass(frozen=True, eq=False)
-class Maps:
-    """For each of c pairs, the homography that brings the left polygon to the right image."""
-
-    matrices: Array  # (c, 3, 3), right ~ matrix @ left, image px
-    own: NDArray[np.bool_]  # (c,) fitted to points of the pair itself
-
-
-def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement, initial: InitialGeometry) -> Maps:
-    """Maps from the pyramid alone: centre to place, with the local affine part of H (identity where there is no H)."""
+def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement, initial: InitialGeometry) -> Array:
+    """(c, 3, 3) maps from the pyramid alone, right ~ map @ left: centre to place, with the local affine part of H
+    (identity where there is no H)."""
     center = left.centers[candidates.left]
     jacobian = np.broadcast_to(np.eye(2), (len(candidates), 2, 2))
     if not isinstance(initial.homography, Failed):
@@ -39,7 +30,7 @@ def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placemen
     matrices[:, :2, :2] = jacobian
     matrices[:, :2, 2] = placement.centers[candidates.left] - np.einsum("nij,nj->ni", jacobian, center)
     matrices[:, 2, 2] = 1.0
-    return Maps(matrices, np.zeros(len(candidates), bool))
+    return matrices
 
 
 def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array) -> Array:
@@ -74,7 +65,7 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
         mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
         depth = np.maximum(mapped[:, 2], 1e-3)
         residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
-        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
+        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, group_median(residual, group, first, count))[group]
         weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
     return np.asarray(from_right @ matrices @ to_left)
 
@@ -129,6 +120,7 @@ def _inverse_similarity(mean: Array, size: Array) -> Array:
     return matrices
 
 
-def _group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
+def group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
+    """(g,) the (lower) median of the `values` (k,) of each group; `first` (g,) and `count` (g,) delimit the groups."""
     ordered = values[np.lexsort((values, group))]
     return np.asarray(ordered[first + (count.astype(np.int64) - 1) // 2])
