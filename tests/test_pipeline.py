@@ -130,10 +130,12 @@ def test_match_is_one_call(pair: Pair, result: MatchResult, monkeypatch: pytest.
         """Stands for SAM: the known regions, the left image first."""
 
         name = "stand-in"
-        backend = None
 
         def __init__(self, *_: object) -> None:
             self.sources = list(regions(pair))
+
+        def load(self) -> None:
+            pass
 
         def polygons(self, image: Image) -> list[zpm2.Polygon]:
             return self.sources.pop(0).polygons(image)
@@ -149,14 +151,13 @@ def test_models_are_loaded_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> 
     loads: list[str] = []
 
     class Sam(Squares):
-        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any) -> None:
+        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any, download: Any) -> None:
             loads.append(config.model)
 
-        @property
-        def backend(self) -> None:
+        def load(self) -> None:
             loads.append("networks")
 
-    def create(*_: object) -> Given:
+    def create(*_: object, progress: object) -> Given:
         loads.append("points")
         return Given(grid_points(-5))
 
@@ -185,10 +186,11 @@ def test_own_segmenter_and_points(pair: Pair) -> None:
 
 def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     class Sam(Squares):
-        backend = None
-
-        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any) -> None:
+        def __init__(self, config: SegmentConfig, device: str, say: Any, progress: Any, download: Any) -> None:
             self.progress = progress
+
+        def load(self) -> None:
+            pass
 
         def segment(self, image: Image) -> list[Mask]:
             for share in (0.3, 0.6, 1.0):

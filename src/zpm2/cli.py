@@ -44,7 +44,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.
 def main() -> None:
     """Entry point. Misuse prints one line and exits with 2; an interrupt exits with 130."""
     try:
-        status = app(standalone_mode=False)
+        status = app(prog_name="zpm2", standalone_mode=False)
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
     except UsageError as error:

@@ -171,10 +171,9 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
 
 
 def _match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
-    ids = {side: index(values[side]) for side in ("left", "right")}
-    nodes = np.array(values.get("nodes", []), np.int64).reshape(-1, 2)
     known: dict[str, Any] = {name: values[name] for name in ("confidence", "cost", "dsf", "stage", "overlap")}
-    return PolygonMatch(**known, **ids, nodes=nodes)
+    known |= {side: index(values[side]) for side in ("left", "right")}
+    return PolygonMatch(**known, nodes=np.array(values.get("nodes", []), np.int64).reshape(-1, 2))
 
 
 def _side_from_dict(values: Mapping[str, Any]) -> Side:
