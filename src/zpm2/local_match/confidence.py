@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # Logistic weights of: intercept, overlap of the rectified shapes, log(1 + DSF), texture correlation, area ratio.
-WEIGHTS = np.array([-4.0, 6.0, 0.4, 0.5, 1.0])
+WEIGHTS = np.array([-2.6, 2.2, 0.63, 2.0, 1.75])
 UNSUPPORTED = 0.5  # factor where the two photographs may not show the same scene
 
 

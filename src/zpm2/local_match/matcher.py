@@ -88,10 +88,7 @@ class _Evaluator:
         first = np.cumsum(count) - count
         point = self.support.point[np.arange(len(group)) - first[group] + start[group]]
         moved = np.einsum("kij,kj->ki", matrices[some][group][:, :2, :2], points.left[point])
-        shift = points.right[point] - moved
-        matrices[some, :2, 2] = np.c_[
-            [rectify.group_median(axis, group, first, count.astype(float)) for axis in shift.T]
-        ].T
+        matrices[some, :2, 2] = np.add.reduceat(points.right[point] - moved, first, axis=0) / count[:, None]
         many = count >= self.config.gamma
         if many.any():
             keep = many[group]

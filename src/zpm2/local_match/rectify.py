@@ -15,7 +15,7 @@ from zpm2.model import PointMatches, PolygonArrays
 
 Array = NDArray[np.float64]
 SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
-STEPS = 8  # of reweighting
+STEPS = 6  # of reweighting
 PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
 
 
@@ -65,7 +65,7 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
         mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
         depth = np.maximum(mapped[:, 2], 1e-3)
         residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
-        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, group_median(residual, group, first, count))[group]
+        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
         weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
     return np.asarray(from_right @ matrices @ to_left)
 
@@ -120,7 +120,7 @@ def _inverse_similarity(mean: Array, size: Array) -> Array:
     return matrices
 
 
-def group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
+def _group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
     """(g,) the (lower) median of the `values` (k,) of each group; `first` (g,) and `count` (g,) delimit the groups."""
     ordered = values[np.lexsort((values, group))]
     return np.asarray(ordered[first + (count.astype(np.int64) - 1) // 2])

@@ -1,0 +1,114 @@
+"""Every command and every Python example of the README and the docs is run; tables agree with the code."""
+
+import dataclasses
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+from rendered import Pair, Run
+
+import zpm2
+from zpm2 import config
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+QUICK = ["--set", "segment.grid=4"]  # laid over what the page says, to be done in seconds
+
+
+def blocks(language: str) -> list[tuple[Path, str]]:
+    found = []
+    for page in PAGES:
+        found += [(page, text) for text in re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.M | re.S)]
+    return found
+
+
+def commands() -> list[str]:
+    """Each `zpm2 ...` line once. Lines that install are run by .ci/run, exactly as printed."""
+    lines = [line.strip() for _, text in blocks("bash") for line in text.splitlines()]
+    return list(dict.fromkeys(line for line in lines if line.startswith("zpm2 ")))
+
+
+@pytest.fixture
+def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the files that the pages speak of."""
+    for side in ("left", "right"):
+        picture = PIL.Image.open(getattr(pair, side))
+        picture.save(tmp_path / f"{side}.png")
+        labels = PIL.Image.open(getattr(pair, f"{side}_regions"))
+        labels.save(tmp_path / f"{side}_labels.png")
+    (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_pages_have_commands_and_only_known_ones() -> None:
+    assert len(commands()) >= 6
+    for page, text in blocks("bash"):
+        for line in text.splitlines():
+            known = line.startswith(("zpm2 ", "python -m pip install ", "python benchmarks/"))
+            assert known or not line.strip(), f"{page.name}: no test runs {line!r}"
+
+
+@pytest.mark.weights
+@pytest.mark.parametrize("command", commands())
+def test_command(command: str, run: Run, workplace: Path) -> None:
+    words = shlex.split(command, comments=True)[1:]
+    if words[0] == "match":
+        words += QUICK
+    elif "--accept-licence" in words:
+        pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert out
+    if words[0] == "match":
+        assert (workplace / "out" / "matches.json").exists()
+
+
+@pytest.mark.weights
+def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PIL.Image.Image, "show", lambda self: None)
+    quick = config.assign(config.preset("default"), ["segment.grid=4"])
+    whole = zpm2.match
+    monkeypatch.setattr("zpm2.pipeline.match", lambda left, right: whole(left, right, quick))
+    monkeypatch.setitem(config.PRESETS, "default", quick)
+    names: dict[str, object] = {"zpm2": zpm2, "np": np}
+    for page, text in blocks("python"):
+        exec(compile(text, page.name, "exec"), names)
+    assert names["sure"] is not None
+    assert (workplace / "out" / "overlay.png").exists()
+
+
+def test_links_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def configuration_table() -> str:
+    """Every field with its values in the presets and the comment beside it in config.py."""
+    source = (ROOT / "src" / "zpm2" / "config.py").read_text()
+    lines = ["| option | paper | default | what |", "| --- | --- | --- | --- |"]
+    values = {name: config.preset(name) for name in ("paper", "default")}
+    for stage in dataclasses.fields(config.Config):
+        at = values["paper"], values["default"]
+        if not dataclasses.is_dataclass(getattr(at[0], stage.name)):
+            rows = [(stage.name, stage.name, at, "Config")]
+        else:
+            inner = [getattr(v, stage.name) for v in at]
+            rows = [
+                (f"{stage.name}.{f.name}", f.name, inner, type(inner[0]).__name__) for f in dataclasses.fields(inner[0])
+            ]
+        for option, name, holders, kind in rows:
+            body = source[source.index(f"class {kind}") :]
+            comment = re.search(rf"^    {name}: .*?# (.*)$", body, re.M)
+            shown = [getattr(holder, name) for holder in holders]
+            shown = [",".join(v) if isinstance(v, tuple) else v for v in shown]
+            lines.append(f"| `{option}` | {shown[0]} | {shown[1]} | {comment.group(1) if comment else ''} |")
+    return "\n".join(line.replace("  |", " |") for line in lines)
+
+
+def test_configuration_page_lists_every_option() -> None:
+    assert configuration_table() in (ROOT / "docs" / "configuration.md").read_text()
