@@ -216,3 +216,35 @@ def test_empty_arrays_pass_through():
     assert geometry.epipolar_distance(np.eye(3), none, none).shape == (0,)
     assert geometry.sampson_distance(np.eye(3), none, none).shape == (0,)
     assert np.array_equal(geometry.homogeneous(np.array([[1.0, 2.0]])), [[1, 2, 1]])
+
+
+def two_cameras(seed: int = 0, n: int = 300) -> tuple[np.ndarray, ...]:
+    """Points of a scene seen by two different cameras: K, K', R, t, left and right px."""
+    rng = np.random.default_rng(seed)
+    k, k2 = (
+        np.array([[800, 0, 500.5], [0, 790, 400.5], [0, 0, 1]]),
+        np.array([[600, 0, 300.5], [0, 610, 200], [0, 0, 1]]),
+    )
+    turn = rotation(rng.normal(0, 0.1, 3))
+    translation = rng.normal(0, 1, 3)
+    world = rng.uniform([-3, -3, 6], [3, 3, 14], (n, 3))
+    left, right = world @ k.T, (world @ turn.T + translation) @ k2.T
+    return k, k2, turn, translation, left[:, :2] / left[:, 2:], right[:, :2] / right[:, 2:]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_relative_pose_of_exact_points_with_outliers(seed: int) -> None:
+    k, k2, turn, translation, left, right = two_cameras(seed)
+    right[:60] = np.random.default_rng(9).uniform(0, 600, (60, 2))
+    found = geometry.relative_pose(left, right, (k, k2), 1.0)
+    assert not isinstance(found, Failed)
+    assert np.abs(found[0] - turn).max() < 1e-5
+    assert np.abs(found[1] - translation / np.linalg.norm(translation)).max() < 1e-4
+    assert found[2][60:].sum() >= 235
+
+
+def test_relative_pose_needs_points() -> None:
+    k, k2, _, _, left, right = two_cameras()
+    found = geometry.relative_pose(left[:4], right[:4], (k, k2), 1.0)
+    assert isinstance(found, Failed)
+    assert "there are 4" in found.reason

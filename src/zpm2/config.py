@@ -59,6 +59,7 @@ class GlobalConfig:
     search: Literal["pyramid", "fixed"] = "pyramid"  # fixed: a window as wide as the polygon's shorter side (4.4.1)
     factor: int = 3  # pyramid downsampling factor
     top_size: int = 200  # px, downsampling stops when a side of the top level is no longer than this
+    max_layers: int = 10  # of the pyramid, full resolution included
     phi: int = 15  # px, template window W_phi, odd
     tau: int = 25  # px, half of the initial search window W_tau, hence 50 x 50
     band: float = 3.0  # px of the pyramid level, distance to the epipolar line (epsilon of 3.3.2)
@@ -155,7 +156,17 @@ def _check_range(name: str, value: Any) -> None:
     numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
     if any(v != v or v < 0 or v == float("inf") for v in numbers):
         raise ConfigError(f"{name} must be a finite number >= 0, got {value}")
-    if name in ("segment.grid", "points.max_keypoints", "global_match.top_size", "local_match.neighbors") and value < 1:
+    if (
+        name
+        in (
+            "segment.grid",
+            "points.max_keypoints",
+            "global_match.top_size",
+            "local_match.neighbors",
+            "global_match.max_layers",
+        )
+        and value < 1
+    ):
         raise ConfigError(f"{name} must be at least 1, got {value}")
     if name == "global_match.phi" and (value < 3 or value % 2 == 0):
         raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")

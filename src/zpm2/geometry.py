@@ -96,6 +96,31 @@ def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tu
     return matrix / matrix[2, 2], inliers
 
 
+def relative_pose(
+    left: Array, right: Array, intrinsics: tuple[Array, Array], threshold: float, seed: int = 0
+) -> tuple[Array, Array, NDArray[np.bool_]] | Failed:
+    """R (3 x 3), t (3,) of unit length and the (n,) inliers: X_right = R X_left + s t for some s > 0.
+
+    E by the five-point algorithm in MAGSAC++, R and t by cheirality. `intrinsics` are K of the left and right image
+    (3 x 3, pixel centres at +0.5), `threshold` is in px.
+    """
+    if len(left) < 6:
+        return Failed(f"a relative pose is trusted from 6 homologous points on, there are {len(left)}")
+    rays = [(homogeneous(p) @ np.linalg.inv(k).T)[:, :2] for p, k in zip((left, right), intrinsics, strict=True)]
+    focal = float(np.mean([k[[0, 1], [0, 1]] for k in intrinsics]))
+    find: Any = cv2.findEssentialMat
+    matrix, mask = _usac(
+        lambda a, b, p: find(a, b, np.eye(3), np.eye(3), None, None, p), rays[0], rays[1], threshold / focal, seed
+    )
+    if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
+        return Failed("no essential matrix fits the homologous points")
+    recover: Any = cv2.recoverPose
+    count, rotation, translation, front = recover(matrix[:3], rays[0], rays[1], np.eye(3), mask=mask.copy())
+    if count < 5:
+        return Failed(f"only {count} of {len(left)} homologous points lie before both cameras")
+    return rotation, translation.ravel(), front.ravel().astype(bool)
+
+
 def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
     """One of OpenCV's robust estimators with MAGSAC++ scoring and a seed of ours."""
     params = cv2.UsacParams()

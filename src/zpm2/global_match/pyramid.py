@@ -46,9 +46,10 @@ class Placement:
 
 
 def level_count(width: int, height: int, config: GlobalConfig) -> int:
-    """How often an image is downsampled until its width or its height is at most `top_size` px."""
+    """How often an image is downsampled: until its width or its height is at most `top_size` px, or there are
+    `max_layers` layers."""
     count, side = 0, float(min(width, height))
-    while side > config.top_size:
+    while side > config.top_size and count + 1 < config.max_layers:
         side, count = side / config.factor, count + 1
     return count
 
