@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from zpm2 import PolygonMatcher, config
+from zpm2.detect.precomputed import PrecomputedSegmenter
 
 FIGURES = ("MAS", "P", "R", "CCR", "CCR5")
 
@@ -57,6 +58,11 @@ def score(scorer: Path, root: Path, pair: dict[str, Any], matches: Path) -> dict
     return json.loads(run.stdout.splitlines()[-1])
 
 
+def kept(folder: Path) -> tuple[PrecomputedSegmenter, PrecomputedSegmenter]:
+    """The polygons of a kept result, vertex by vertex."""
+    return PrecomputedSegmenter(folder / "left.geojson"), PrecomputedSegmenter(folder / "right.geojson")
+
+
 def totals(rows: list[dict[str, Any]]) -> dict[str, Any]:
     scores = [row["score"] for row in rows if row["score"]]
     summed = {name: sum(s[name] for s in scores) for name in ("good", "scored", "gt")}
@@ -83,6 +89,7 @@ def main() -> None:
     parser.add_argument("--preset", default="paper")
     parser.add_argument("--set", dest="settings", action="append", default=[])
     parser.add_argument("--save", type=Path, help="keep each pair's result files in this folder")
+    parser.add_argument("--reuse", type=Path, help="take the polygons of results kept there instead of detecting them")
     options = parser.parse_args()
     pairs = json.loads((options.root / "pairs.json").read_text())
     known = {pair["name"]: pair for pair in pairs}
@@ -95,6 +102,8 @@ def main() -> None:
             matcher = PolygonMatcher(chosen)
             for name in names:
                 pair = known[name]
+                if options.reuse:
+                    matcher = PolygonMatcher(chosen, segmenter=kept(options.reuse / f"{name.replace('/', '_')}_{grid}"))
                 result = matcher(options.root / pair["left"], options.root / pair["right"])
                 folder = result.save(keep / f"{name.replace('/', '_')}_{grid}")
                 row = {

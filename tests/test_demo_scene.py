@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from zpm2.demo import Scene, render_scene, score
 from zpm2.demo.scene import BASELINE, EYE, GAIN, PITCH
-from zpm2.demo.score import _covisible
 from zpm2.demo.still_life import WALL
 from zpm2.demo.surfaces import Ball, Frustum, Patch, box
 from zpm2.errors import InputError
+from zpm2.evaluate.ground_truth import from_disparity
 from zpm2.model import Polygon, PolygonMatch
 
 BLANK = np.zeros((4, 4, 3), np.uint8)
@@ -68,7 +68,7 @@ def test_depth_is_exact_on_the_wall_and_the_occlusion_is_that_of_a_z_buffer(scen
     up = (scene.cy - 0.5) / scene.f  # slope of the top row's rays against the optical axis, which points down by PITCH
     depth = (WALL - EYE[2]) / (np.cos(PITCH) + np.sin(PITCH) * up)
     assert np.median(scene.disparity[0]) == pytest.approx(scene.f * BASELINE / depth, abs=1e-3)
-    rows, columns, _ = _covisible(scene.disparity)
+    columns, rows = from_disparity(scene.disparity, (WIDTH, HEIGHT)).left.astype(int).T
     seen = np.zeros(scene.occluded.shape, bool)
     seen[rows, columns] = True
     assert (seen == ~scene.occluded).mean() > 0.985

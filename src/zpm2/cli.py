@@ -12,6 +12,7 @@ import typer
 
 from zpm2._version import __version__
 from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.eval_cli import evaluate
 from zpm2.weights_cli import app as weights_app
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ app = typer.Typer(
     help="Match polygons between two overlapping photographs.", no_args_is_help=True, rich_markup_mode=None
 )
 app.add_typer(weights_app, name="weights")
+app.command("eval")(evaluate)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")

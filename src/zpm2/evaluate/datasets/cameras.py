@@ -1,0 +1,110 @@
+"""Cameras as data sets write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from zpm2.errors import InputError
+from zpm2.evaluate.datasets.layout import existing, text
+from zpm2.evaluate.pairs import Array
+
+_HALF_PIXEL = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+
+
+def intrinsics(matrix: Array) -> Array:
+    """3 x 3 K with pixel centres at +0.5, of one that counts them from 0 (4 x 4 as in ScanNet: its upper left part)."""
+    return _HALF_PIXEL @ np.asarray(matrix, np.float64)[:3, :3]
+
+
+def homography(matrix: Array) -> Array:
+    """3 x 3 H between points with pixel centres at +0.5, of one between points that count them from 0."""
+    return _HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(_HALF_PIXEL)
+
+
+def resized(matrix: Array, size: tuple[int, int], new_size: tuple[int, int]) -> Array:
+    """K (pixel centres at +0.5) of an image of `size` (width, height) px after it was resized to `new_size`."""
+    return np.diag([new_size[0] / size[0], new_size[1] / size[1], 1.0]) @ matrix
+
+
+def between(left: Array, right: Array) -> Array:
+    """4 x 4 pose, left camera to right camera, of two cameras (4 x 4 each, world to camera)."""
+    return right @ inverse(left)
+
+
+def inverse(pose: Array) -> Array:
+    """The 4 x 4 matrix of the way back."""
+    return np.asarray(np.linalg.inv(pose), np.float64)
+
+
+def decompose(projection: Array) -> tuple[Array, Array]:
+    """K (3 x 3, K[2, 2] = 1, positive diagonal) and the 4 x 4 world-to-camera matrix of P = K [R | t].
+
+    projection: 3 x 4 or 4 x 4 (last row unused), at any scale and sign. Pixel centres stay where P has them. Hartley
+    and Zisserman, Multiple View Geometry, 6.2.4.
+    """
+    p = np.asarray(projection, np.float64)[:3, :4]
+    p = p * np.sign(np.linalg.det(p[:, :3]))
+    upper, rotation = scipy.linalg.rq(p[:, :3])
+    signs = np.diag(np.sign(np.diag(upper)))
+    upper, rotation = upper @ signs, signs @ rotation
+    camera = np.eye(4)
+    camera[:3, :3], camera[:3, 3] = rotation, np.linalg.solve(upper, p[:, 3])
+    return upper / upper[2, 2], camera
+
+
+def matrix(values: Any, shape: tuple[int, int], what: str) -> Array:
+    """`values` (nested or flat) as a float64 array of `shape`; `InputError` calls it `what`."""
+    try:
+        array = np.array(values, np.float64).reshape(shape)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is no {shape[0]} x {shape[1]} matrix of numbers: correct the file") from error
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} has a value that is not finite: correct the file")
+    return array
+
+
+def rigid(values: Any, what: str) -> Array:
+    """`values` as a 4 x 4 rotation and translation, rotation right to 1e-3; `InputError` calls it `what`."""
+    pose = matrix(values, (4, 4), what)
+    rotation = pose[:3, :3]
+    turned = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+    if not turned or not np.allclose(pose[3], (0, 0, 0, 1)):
+        raise InputError(f"{what} is no rotation with a translation (last row 0 0 0 1): correct the file")
+    return pose
+
+
+def calibration(values: Any, what: str) -> Array:
+    """`values` as a 3 x 3 K (last row 0 0 1, focal lengths positive); `InputError` calls it `what`."""
+    k = matrix(values, (3, 3), what)
+    if not np.allclose(k[2], (0, 0, 1)) or not (k[0, 0] > 0 and k[1, 1] > 0):
+        raise InputError(f"{what} is no calibration matrix (positive focal lengths, last row 0 0 1): correct the file")
+    return k
+
+
+def numbers(words: Sequence[str], path: Path) -> Array:
+    """(n,) float64 of the words of a text file; `InputError` names the file."""
+    try:
+        return np.array(words, np.float64)
+    except ValueError as error:
+        raise InputError(f"{path} holds words where numbers belong: copy or download it again") from error
+
+
+def text_matrix(path: Path) -> Array:
+    """4 x 4 numbers of a text file, not all of them finite necessarily."""
+    values = numbers(text(path).split(), path)
+    if values.size != 16:
+        raise InputError(f"{path} holds {values.size} numbers, not 4 x 4: copy or download it again")
+    return values.reshape(4, 4)
+
+
+def archive(path: Path) -> dict[str, Any]:
+    """The arrays of an .npz file by name."""
+    try:
+        with np.load(existing(path), allow_pickle=False) as file:
+            return dict(file)
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path} is damaged or no .npz file: copy or download it again") from error

@@ -1,0 +1,96 @@
+"""DTU multi-view stereo (Jensen et al. 2014) in the layouts of MVSNet and of IDR / NeuS: calibrated table-top views."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from zpm2.errors import InputError
+from zpm2.evaluate.datasets import cameras
+from zpm2.evaluate.datasets.layout import existing, folders, found, path_name, photographs, text
+from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth
+
+_CAMERAS = ("cameras.npz", "cameras_sphere.npz")
+
+
+def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
+    """Neighbouring views of every scan below `root`, or of `root` itself.
+
+        MVSNet      scan1/images/00000000.jpg, cams/00000000_cam.txt, pair.txt: each view with its best source view
+        IDR, NeuS   scan65/image/000000.png, cameras.npz or cameras_sphere.npz: each view with the next one
+
+    Both count pixel centres from 0. Translations are in mm: world_mat alone is decomposed, since scale_mat only moves
+    and scales the world. split: one scan; None for all.
+    """
+    scans = [existing(root / split)] if split else [root] if _is_scan(root) else folders(root)
+    looked = [root / (split or "scanN") / file for file in ("cams", *_CAMERAS)]
+    return found((pair for scan in scans if _is_scan(scan) for pair in _pairs(scan)), *looked)
+
+
+def _is_scan(folder: Path) -> bool:
+    return any((folder / file).exists() for file in ("cams", *_CAMERAS))
+
+
+def _pairs(scan: Path) -> Iterator[EvalPair]:
+    return _mvsnet(scan) if (scan / "cams").is_dir() else _idr(scan)
+
+
+def _mvsnet(scan: Path) -> Iterator[EvalPair]:
+    for left, right in _neighbours(scan / "pair.txt"):
+        images = [
+            existing(scan / "images" / f"{view:08d}.jpg", scan / "images" / f"{view:08d}.png") for view in (left, right)
+        ]
+        views = [_camera(scan / "cams" / f"{view:08d}_cam.txt") for view in (left, right)]
+        yield _pair(scan, images, views)
+
+
+def _neighbours(path: Path) -> list[tuple[int, int]]:
+    """Each view with the first (best) of its source views, each pair of views once."""
+    words = iter(text(path).split())
+    chosen: list[tuple[int, int]] = []
+    try:
+        for _ in range(int(next(words))):
+            view, count = int(next(words)), int(next(words))
+            sources = [(int(next(words)), float(next(words)))[0] for _ in range(count)]
+            if sources and (sources[0], view) not in chosen:
+                chosen.append((view, sources[0]))
+    except (ValueError, StopIteration) as error:
+        raise InputError(f"{path} is no pair file of MVSNet, or cut short: copy or download it again") from error
+    return chosen
+
+
+def _camera(path: Path) -> tuple[Array, Array]:
+    """K and world-to-camera of a _cam.txt: "extrinsic", 4 x 4, "intrinsic", 3 x 3, depth range."""
+    words = text(path).split()
+    if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
+        raise InputError(f"{path} is no camera file of MVSNet: copy or download it again")
+    pose = cameras.rigid(cameras.numbers(words[1:17], path), f"extrinsic of {path}")
+    return cameras.calibration(cameras.numbers(words[18:27], path), f"intrinsic of {path}"), pose
+
+
+def _idr(scan: Path) -> Iterator[EvalPair]:
+    file = existing(*(scan / name for name in _CAMERAS))
+    worlds = cameras.archive(file)
+    images = photographs(scan / "image", (".png", ".jpg"))
+    count = sum(name.startswith("world_mat_") and name[10:].isdecimal() for name in worlds)
+    if len(images) != count:
+        raise InputError(f"{scan / 'image'} holds {len(images)} images, {file} {count} cameras: complete the download")
+    for index in range(count - 1):
+        views = [_decomposed(worlds, k, file) for k in (index, index + 1)]
+        yield _pair(scan, images[index : index + 2], views)
+
+
+def _decomposed(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]:
+    if f"world_mat_{index}" not in worlds:
+        raise InputError(f"{file} has no world_mat_{index}: complete the download")
+    world = cameras.matrix(worlds[f"world_mat_{index}"], (4, 4), f"world_mat_{index} of {file}")
+    if np.linalg.det(world[:3, :3]) == 0:
+        raise InputError(f"world_mat_{index} of {file} is no camera: download it again")
+    return cameras.decompose(world)
+
+
+def _pair(scan: Path, images: list[Path], views: list[tuple[Array, Array]]) -> EvalPair:
+    (k0, left), (k1, right) = views
+    truth = PoseTruth((cameras.intrinsics(k0), cameras.intrinsics(k1)), cameras.between(left, right))
+    name = path_name(scan.resolve().name, f"{images[0].stem}-{images[1].stem}")
+    return EvalPair(name, images[0], images[1], truth)

@@ -1,0 +1,104 @@
+"""Predictions of a data set, one folder a pair, so that a run goes on where it was interrupted and scores need no
+models."""
+
+import json
+import resource
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zpm2._version import __version__
+from zpm2.errors import InputError, Zpm2Error
+from zpm2.evaluate.pairs import EvalPair
+from zpm2.io.files import atomic_write, output_folder
+from zpm2.result import MatchResult
+
+Matcher = Callable[[Path, Path], MatchResult]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a folder of predictions was made with. Two runs that differ do not mix."""
+
+    dataset: str
+    split: str | None
+    method: str
+    config: dict[str, Any]
+    version: str = __version__
+
+    def claim(self, out: Path) -> None:
+        """Make `out` the folder of this run, or go on in it; `InputError` if it holds another run's predictions."""
+        file = output_folder(out) / "run.json"
+        mine = {**vars(self), "config": json.loads(json.dumps(self.config))}
+        if not file.exists():
+            atomic_write(file, json.dumps(mine, indent=1))
+            return
+        theirs = _read_json(file)
+        differ = [name for name in mine if theirs.get(name) != mine[name]]
+        if differ:
+            raise InputError(f"{out} holds predictions with another {', '.join(differ)}; give another folder with -o")
+
+
+def folder_of(pair: EvalPair, out: Path) -> Path:
+    """Where the prediction of a pair is kept."""
+    return out / "predictions" / pair.name
+
+
+def predict(pairs: Iterable[EvalPair], matcher: Callable[[], Matcher], out: Path, tell: Callable[[str], None]) -> None:
+    """Match every pair that has no prediction in `out` yet. `matcher` is called once, if there is anything to do.
+
+    A pair whose photographs cannot be read is remembered as failed, with the reason, and tried again by the next run.
+    `matches.json` is written last, so an interruption loses the pair in work and nothing else.
+    """
+    match: Matcher | None = None
+    for pair in pairs:
+        folder = folder_of(pair, out)
+        if (folder / "matches.json").exists():
+            continue
+        match = match or matcher()
+        try:
+            match(pair.left, pair.right).save(folder)
+        except InputError as error:
+            atomic_write(output_folder(folder) / "failed.json", json.dumps({"reason": str(error)}))
+            tell(f"{pair.name}: {error}")
+            continue
+        (folder / "failed.json").unlink(missing_ok=True)
+        atomic_write(folder / "memory.json", json.dumps({"peak_mb": peak_mb()}))
+        tell(pair.name)
+
+
+def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
+    """The prediction of a pair, the reason why it failed, or None where there is none yet."""
+    folder = folder_of(pair, out)
+    if (folder / "matches.json").exists():
+        try:
+            return MatchResult.load(folder)
+        except Zpm2Error as error:
+            return str(error)
+    if (folder / "failed.json").exists():
+        return str(_read_json(folder / "failed.json")["reason"])
+    return None
+
+
+def memory(pair: EvalPair, out: Path) -> float | None:
+    """MB, the peak of the process after this pair (models and earlier pairs counted in), where it was recorded."""
+    file = folder_of(pair, out) / "memory.json"
+    return float(_read_json(file)["peak_mb"]) if file.exists() else None
+
+
+def peak_mb() -> int:
+    """MB, the largest resident size that this process has had."""
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size // (1024 * 1024 if sys.platform == "darwin" else 1024)
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read ({error}); delete it and run again") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{file} is damaged; delete it and run again")
+    return values

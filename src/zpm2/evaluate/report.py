@@ -1,0 +1,172 @@
+"""From predictions to rows, and from rows to the tables that people read. Needs no models."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zpm2 import geometry
+from zpm2.errors import Failed, InputError, MissingDependency
+from zpm2.evaluate import predictions
+from zpm2.evaluate.metrics import THRESHOLDS, scores
+from zpm2.evaluate.pairs import EvalPair, PoseTruth
+from zpm2.evaluate.pose_error import pose_auc, pose_error
+from zpm2.io.files import atomic_write
+from zpm2.result import MatchResult
+
+POSE_PX = 1.0  # px, MAGSAC++ threshold of E
+COUNTS = ("good", "scored", "unscored", "gt")
+SHARES = ("MAS", "P", "R", "F1", "ACR", "AOR", "CCR", "CCR5")  # of `Scores.to_dict`, means are taken over pairs
+Row = dict[str, Any]
+
+
+def row(pair: EvalPair, out: Path) -> Row:
+    """Everything that is known about the prediction of one pair. `status` is "ok", "missing", or why there is less.
+
+    Dense truth: the figures of `Scores` at 0.5, and MAS at 0.4, 0.5 and 0.8. Pose truth (RGB-D pairs too): errors of R
+    and t in degrees, of the pose that all homologous points give without any polygon (five-point, MAGSAC++).
+    """
+    result = predictions.load(pair, out)
+    if not isinstance(result, MatchResult):
+        return {"pair": pair.name, "status": result or "missing"}
+    values: Row = {"pair": pair.name, "status": "ok"}
+    values |= {"left": len(result.left.polygons), "right": len(result.right.polygons)}
+    values |= {"matches": len(result.matches), "points": len(result.points)}
+    values |= {f"s_{stage}": seconds for stage, seconds in result.timings.items()}
+    values |= {"seconds": sum(result.timings.values()), "peak_mb": predictions.memory(pair, out)}
+    if isinstance(pair.truth, PoseTruth):
+        values |= _pose(result, pair.truth)
+    if pair.truth is not None and type(pair.truth) is not PoseTruth:
+        try:
+            values |= _dense(result, pair.truth)
+        except InputError as error:
+            values["status"] = f"no truth: {error}"
+    return values
+
+
+def _dense(result: MatchResult, truth: Any) -> Row:
+    by_threshold = {s.iou: s.to_dict() for s in scores(result, truth)}
+    middle = by_threshold[0.5]
+    figures: Row = {name: middle[name] for name in (*COUNTS, *SHARES)}
+    return figures | {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in THRESHOLDS}
+
+
+def _pose(result: MatchResult, truth: PoseTruth) -> Row:
+    pose = geometry.relative_pose(result.points.left, result.points.right, truth.intrinsics, POSE_PX)
+    if isinstance(pose, Failed):
+        return {"error_R": float("inf"), "error_t": float("inf")}
+    error = pose_error(pose[0], pose[1], truth.pose)
+    return {"error_R": error[0], "error_t": error[1]}
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """Sums, means over pairs and AUC of the pairs that have them. Failed pairs are counted, not averaged."""
+    done = [r for r in rows if "matches" in r]
+    dense, posed = [r for r in done if "MAS" in r], [r for r in done if "error_R" in r]
+    found: dict[str, Any] = {
+        "pairs": len(rows),
+        "done": len(done),
+        "problems": sum(r["status"] != "ok" for r in rows),
+        "matches": _mean(done, "matches"),
+        "seconds": _mean(done, "seconds"),
+        "peak_mb": max((r["peak_mb"] for r in done if r["peak_mb"]), default=None),
+        "dense": len(dense),
+    }
+    found |= {name: sum(r[name] for r in dense) for name in COUNTS if dense}
+    names = (*(f"MAS{round(100 * t)}" for t in THRESHOLDS), *SHARES[1:])
+    found |= {name: _mean(dense, name) for name in names if dense}
+    found |= {name: _mean(done, name) for name in _stages(done)}
+    if posed:
+        auc = pose_auc([(r["error_R"], r["error_t"]) for r in posed])
+        found |= {"posed": len(posed), **{f"AUC{t}": value for t, value in zip((5, 10, 20), auc, strict=True)}}
+    return found
+
+
+def markdown(title: str, rows: Sequence[Row], made_by: str) -> str:
+    """The summary and the pairs as tables."""
+    total = summary(rows)
+    parts = [f"# {title}", f"Made by `{made_by}`.", _summary_table(total)]
+    problems = [f"- {r['pair']}: {r['status']}" for r in rows if r["status"] != "ok"]
+    if problems:
+        parts += ["## Problems", "\n".join(problems)]
+    columns = ["pair", "left", "right", "matches", "good", "scored", "gt", "MAS", "P", "R", "CCR", "CCR5"]
+    columns += ["error_R", "error_t", "seconds", "peak_mb"]
+    columns = [c for c in columns if any(c in r for r in rows)]
+    parts += ["## Pairs", table(columns, [[r.get(c) for c in columns] for r in rows])]
+    return "\n\n".join(parts) + "\n"
+
+
+def _summary_table(total: Mapping[str, Any]) -> str:
+    shown = {name: value for name, value in total.items() if value is not None}
+    shares = {name for name in shown if name.startswith(("MAS", "AUC")) or name in SHARES}
+    cells = [f"{100 * v:.2f} %" if name in shares else _cell(v) for name, v in shown.items()]
+    return table(["figure", "value"], [[name, cell] for name, cell in zip(shown, cells, strict=True)])
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table."""
+    lines = ["| " + " | ".join(columns) + " |", "| --- |" + " ---: |" * (len(columns) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(_cell(value) for value in values) + " |" for values in rows)])
+
+
+def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: bool = False) -> None:
+    """rows.csv (and rows.parquet), summary.json and summary.md, each whole or not at all."""
+    columns = list(dict.fromkeys(name for r in rows for name in r))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns)
+    writer.writeheader()
+    writer.writerows(rows)
+    atomic_write(out / "rows.csv", text.getvalue())
+    atomic_write(out / "summary.json", json.dumps({"title": title, "made_by": made_by, **summary(rows)}, indent=1))
+    atomic_write(out / "summary.md", markdown(title, rows, made_by))
+    if parquet:
+        atomic_write(out / "rows.parquet", _parquet(columns, rows))
+
+
+def require_parquet() -> None:
+    """`MissingDependency` where Parquet cannot be written."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        raise MissingDependency('--parquet needs pyarrow: pip install "zpm2[parquet]"') from error
+
+
+def collect(pairs: Iterable[EvalPair], out: Path, tell: Callable[[str], None]) -> list[Row]:
+    """The rows of all pairs, one result in memory at a time."""
+    rows = []
+    for pair in pairs:
+        rows.append(row(pair, out))
+        tell(pair.name)
+    return rows
+
+
+def _parquet(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
+    require_parquet()
+    import pyarrow
+    import pyarrow.parquet
+
+    sink = pyarrow.BufferOutputStream()
+    content = pyarrow.table({name: [r.get(name) for r in rows] for name in columns})
+    pyarrow.parquet.write_table(content, sink)
+    return bytes(sink.getvalue())
+
+
+def _stages(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(name for r in rows for name in r if name.startswith("s_")))
+
+
+def _mean(rows: Sequence[Row], name: str) -> float | None:
+    values = [r[name] for r in rows if r.get(name) is not None]
+    return float(np.mean(values)) if values else None
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.3f}" if abs(value) < 10 else f"{value:.1f}"
+    return str(value)

@@ -1,0 +1,77 @@
+"""Disparity and depth maps in: .pfm, .png or .npy as one float per pixel, or one line that says why not."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+
+_PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
+_ONE_BAND = ("L", "I", "I;16", "I;16B", "I;16L")  # PIL's modes of 8- and 16-bit grey
+
+
+def read_map(path: str | Path, size: tuple[int, int] | None = None, scale: float = 1.0) -> NDArray[np.float32]:
+    """(h, w) the values of a disparity or depth map divided by `scale`; NaN where nothing is known.
+
+    path: a .pfm of one band (its scale gives the byte order only, as everywhere; the sign of its values is dropped,
+        because part of SceneFlow stores -d), a .png of 8 or 16 bit and one band (KITTI: scale 256; depth in mm: 1000),
+        or a .npy of shape (h, w). size: (width, height) px that the image has, None for any.
+
+    Unknown are 0, infinity, NaN and, in a .npy, what is below 0. `InputError` names the file when it is missing,
+    damaged, of another kind or size, or holds no known value.
+    """
+    path = Path(path)
+    read = {".pfm": _read_pfm, ".png": _read_png, ".npy": _read_npy}.get(path.suffix.lower())
+    if read is None:
+        raise InputError(f"map {path} must be a .pfm, .png or .npy file: convert it")
+    try:
+        values = read(path)
+    except FileNotFoundError as error:
+        raise InputError(f"map {path} does not exist: check the path, or download it again") from error
+    except (OSError, ValueError, EOFError, SyntaxError, PIL.Image.DecompressionBombError) as error:
+        raise InputError(f"map {path} is damaged or no {path.suffix} file: copy or download it again") from error
+    height, width = values.shape
+    if size is not None and (width, height) != tuple(size):
+        raise InputError(
+            f"map {path} has {width} x {height} px, its image {size[0]} x {size[1]} px: give the map of this image"
+        )
+    values = np.array(values, np.float32, order="C")
+    values /= np.float32(scale)
+    with np.errstate(invalid="ignore"):
+        values[~(np.isfinite(values) & (values > 0))] = np.nan
+    if np.isnan(values).all():
+        raise InputError(f"map {path} holds no known value, all of it is 0, negative or not finite: give another one")
+    return values
+
+
+def _read_pfm(path: Path) -> NDArray[np.float32]:
+    content = path.read_bytes()
+    header = _PFM_HEADER.match(content)
+    if header is None:
+        raise ValueError("no PFM header")
+    if header[1] == b"PF":
+        raise InputError(f"map {path} has 3 bands, as optical flow has: give a disparity or depth map of one band")
+    width, height = int(header[2]), int(header[3])
+    if len(content) - header.end() != 4 * width * height or not width * height:
+        raise ValueError("cut short")
+    order = "<f4" if float(header[4]) < 0 else ">f4"
+    rows = np.frombuffer(content, order, offset=header.end()).reshape(height, width)
+    return np.asarray(np.abs(rows[::-1]))  # the bottom row comes first
+
+
+def _read_png(path: Path) -> NDArray[Any]:
+    with PIL.Image.open(path, formats=["PNG"]) as picture:
+        if picture.mode not in _ONE_BAND:
+            raise InputError(f"map {path} is a PNG of mode {picture.mode}: give one band of 8 or 16 bit")
+        return np.asarray(picture)
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    values: NDArray[Any] = np.load(path, allow_pickle=False)
+    if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
+        raise InputError(f"map {path} holds {values.dtype} of shape {values.shape}: give numbers of shape (h, w)")
+    return values

@@ -1,0 +1,63 @@
+import cv2
+import numpy as np
+import pytest
+from blobs import blobs, box
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zpm2.evaluate.cells import polygon_pixels, to_cells
+from zpm2.model import Polygon
+
+WIDTH, HEIGHT = 90, 60
+
+
+def stack(polygons):
+    """(n, h, w) the masks that `Cells` does without."""
+    masks = np.zeros((len(polygons), HEIGHT, WIDTH), np.uint8)
+    for mask, polygon in zip(masks, polygons, strict=True):
+        cv2.fillPoly(mask, [np.round((polygon.exterior - 0.5) * 16).astype(np.int32)], 1, shift=4)
+        for hole in polygon.holes:
+            cv2.fillPoly(mask, [np.round((hole - 0.5) * 16).astype(np.int32)], 0, shift=4)
+    return masks.astype(bool)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 12))
+def test_cells_are_the_masks(seed, n):
+    rng = np.random.default_rng(seed)
+    polygons = blobs(rng, n, (WIDTH, HEIGHT))
+    masks, cells = stack(polygons), to_cells(polygons, WIDTH, HEIGHT)
+    assert np.array_equal(cells.members.toarray()[:, cells.labels].astype(bool), masks)
+    assert np.array_equal(cells.pixels, masks.sum((1, 2)))
+    assert cells.sizes.sum() == WIDTH * HEIGHT
+    some = np.flatnonzero(rng.random(n) < 0.4)
+    assert cells.sizes[cells.union(some)].sum() == masks[some].any(0).sum()
+
+
+def test_a_window_is_the_full_image_cut():
+    for polygon in blobs(np.random.default_rng(5), 50, (WIDTH, HEIGHT)):
+        full = np.zeros((HEIGHT, WIDTH), bool)
+        window, inside = polygon_pixels(polygon, WIDTH, HEIGHT)
+        full[window] = inside
+        assert np.array_equal(full, stack([polygon])[0])
+
+
+def test_outside_of_the_image_there_are_no_pixels():
+    away = Polygon(0, np.array([[-50, 5], [-20, 5], [-20, 30.0]]))
+    cells = to_cells([away, box(1, 10, 10, 20, 20)], WIDTH, HEIGHT)
+    assert cells.pixels[0] == 0
+    assert cells.pixels[1] >= 100
+
+
+def test_points_beyond_the_border_count_to_the_pixel_next():
+    cells = to_cells([box(0, 80, 0, 90, 60)], WIDTH, HEIGHT)
+    points = np.array([[90.0, 60.0], [85.5, 3.5], [-0.2, 4.0]])
+    assert cells.at(points).tolist() == [1, 1, 0]
+    assert cells.union(np.array([], int)).sum() == 0
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 2, 0]])
+def test_rows_are_those_of_the_list(order):
+    polygons = [box(7, 0, 0, 40, 40), box(3, 10, 10, 20, 20), box(9, 30, 30, 70, 50)]
+    cells = to_cells([polygons[k] for k in order], WIDTH, HEIGHT)
+    assert np.array_equal(cells.pixels, stack([polygons[k] for k in order]).sum((1, 2)))
