@@ -1,6 +1,7 @@
 """Every command and every Python example of the README and the docs is run; tables agree with the code."""
 
 import dataclasses
+import json
 import re
 import shlex
 from pathlib import Path
@@ -39,6 +40,9 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
         picture.save(tmp_path / f"{side}.png")
         labels = PIL.Image.open(getattr(pair, f"{side}_regions"))
         labels.save(tmp_path / f"{side}_labels.png")
+    (tmp_path / "data").mkdir()
+    pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
+    (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -56,7 +60,7 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 @pytest.mark.parametrize("command", commands())
 def test_command(command: str, run: Run, workplace: Path) -> None:
     words = shlex.split(command, comments=True)[1:]
-    if words[0] == "match":
+    if words[0] in ("match", "eval"):
         words += QUICK
     elif "--accept-licence" in words:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")

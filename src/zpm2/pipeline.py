@@ -1,6 +1,6 @@
 """The method on one screen: regions -> points -> places -> matches (paper Fig. 3). Stages are arguments."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
@@ -18,7 +18,7 @@ from zpm2.features import PointMatcher
 from zpm2.global_match import InitialGeometry, initial_geometry, place, search_candidates
 from zpm2.io.images import read_image
 from zpm2.local_match import match_polygons
-from zpm2.model import Image, Polygon, PolygonArrays
+from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch
 from zpm2.result import MatchResult, Side
 
 ImageLike = str | Path | NDArray[Any] | PIL.Image.Image
@@ -46,10 +46,9 @@ class PolygonMatcher:
     ) -> None:
         self.config = configuration.preset(config) if isinstance(config, str) else config
         self.device = resolve_device(self.config.device)
-        self.progress, self.say = progress, say
-        self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
+        self.progress = progress
+        self._regions = RegionStages(self.config, segmenter, progress, say)
         self._points = points
-        self._sides_done = 0
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are paths, arrays (grey, RGB, 8 or 16 bit) or PIL images.
@@ -57,25 +56,23 @@ class PolygonMatcher:
         Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
         overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.
         """
-        config, clock = self.config, _Clock(self.progress)
+        config, clock = self.config, Clock(self.progress)
         with clock("read"):
             images = read_image(left, "left image"), read_image(right, "right image")
         with clock("load"):
-            segmenters, matcher = self._load()
+            self._regions.load()
+            matcher = self._load_points()
         with clock("detect"):
-            self._sides_done = 0
-            found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
-            polygons, notes = zip(*found, strict=True)
+            sides, warnings = self._regions.detect(images)
         with clock("points"):
             points = matcher.match(*images)
         with clock("global"):
-            arrays = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
+            arrays = PolygonArrays(sides[0].polygons), PolygonArrays(sides[1].polygons)
             initial = initial_geometry(points, config.global_match, config.seed)
             placement = place(*images, arrays[0].centers, initial, config.global_match)
             candidates = search_candidates(*arrays, placement, config.global_match)
         with clock("local"):
             matches = match_polygons(images, arrays, initial, placement, candidates, config.local_match)
-        sides = [Side(i.width, i.height, p, i.path, i) for i, p in zip(images, polygons, strict=True)]
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -85,23 +82,55 @@ class PolygonMatcher:
             homography=initial.homography,
             config=config.to_dict(),
             timings=clock.seconds,
-            warnings=_warnings(images, notes, polygons, initial, len(matches)),
+            warnings=[*warnings, *_geometry_warnings(initial), *no_matches(matches)],
         )
 
-    def _load(self) -> tuple[tuple[Segmenter, Segmenter], PointMatcher]:
+    def _load_points(self) -> PointMatcher:
         if self._points is None:
             from zpm2 import features
 
-            self._points = features.create(self.config.points, self.device, progress=self._download)
+            self._points = features.create(self.config.points, self.device, progress=self._regions.download)
+        return self._points
+
+
+class RegionStages:
+    """The stages that every method of matching polygons shares: load the segmenter, find the polygons of both images.
+
+    Arguments are those of `PolygonMatcher`.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        segmenter: Segmenter | tuple[Segmenter, Segmenter] | None,
+        progress: Progress,
+        say: Callable[[str], None],
+    ) -> None:
+        self.config, self.progress, self.say = config, progress, say
+        self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
+        self._sides_done = 0
+
+    def load(self) -> tuple[Segmenter, Segmenter]:
+        """The segmenters of the left and the right image; SAM is loaded the first time, where no other was given."""
         if self._segmenters is None:
             from zpm2.detect.sam import SamSegmenter
 
-            sam = SamSegmenter(self.config.segment, self.device, self.say, self._detect_progress, self._download)
+            device = resolve_device(self.config.device)
+            sam = SamSegmenter(self.config.segment, device, self.say, self._detect_progress, self.download)
             sam.load()  # now, so that the time counts as loading
             self._segmenters = (sam, sam)
-        return self._segmenters, self._points
+        return self._segmenters
 
-    def _download(self, done: int, total: int) -> None:
+    def detect(self, images: tuple[Image, Image]) -> tuple[tuple[Side, Side], list[str]]:
+        """Both sides with their polygons, and what there is to warn of."""
+        self._sides_done = 0
+        found = [self._polygons(s, image) for s, image in zip(self.load(), images, strict=True)]
+        polygons, notes = zip(*found, strict=True)
+        left, right = (Side(i.width, i.height, p, i.path, i) for i, p in zip(images, polygons, strict=True))
+        return (left, right), _region_warnings(images, notes, polygons)
+
+    def download(self, done: int, total: int) -> None:
+        """Tells `progress` how many bytes of weights have come."""
         self.progress("load", done / max(total, 1))
 
     def _detect_progress(self, share: float) -> None:
@@ -138,7 +167,7 @@ def resolve_device(name: str) -> str:
     return "cpu"
 
 
-class _Clock:
+class Clock:
     """Seconds by stage; tells `progress` when one begins and ends."""
 
     def __init__(self, progress: Progress) -> None:
@@ -154,12 +183,8 @@ class _Clock:
         self.progress(stage, 1.0)
 
 
-def _warnings(
-    images: tuple[Image, Image],
-    notes: tuple[list[str], ...],
-    polygons: tuple[list[Polygon], ...],
-    initial: InitialGeometry,
-    matches: int,
+def _region_warnings(
+    images: tuple[Image, Image], notes: tuple[list[str], ...], polygons: tuple[list[Polygon], ...]
 ) -> list[str]:
     sides = ("left", "right")
     found = [f"{side} image: {note}" for side, image in zip(sides, images, strict=True) for note in image.notes]
@@ -167,6 +192,11 @@ def _warnings(
     found += both
     found += [f"{s} regions: {note}" for s, of in zip(sides, notes, strict=True) for note in of if note not in both]
     found += [f"no regions were found in the {s} image" for s, p in zip(sides, polygons, strict=True) if not p]
+    return found
+
+
+def _geometry_warnings(initial: InitialGeometry) -> list[str]:
+    found = []
     for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
         if isinstance(estimate, Failed):
             found.append(f"no {name}: {estimate.reason}")
@@ -175,6 +205,9 @@ def _warnings(
             "the photographs may not show the same scene: "
             f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry"
         )
-    if matches == 0:
-        found.append("no polygons were matched")
     return found
+
+
+def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:
+    """The warning that nothing was matched, where that is so."""
+    return [] if matches else ["no polygons were matched"]

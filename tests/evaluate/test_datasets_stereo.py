@@ -7,6 +7,7 @@ import pytest
 from dataset_files import file, files, listed, picture, sample
 
 from zpm2.errors import ConfigError, InputError
+from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import DisparityTruth
 from zpm2.io.maps import read_map
 
@@ -231,8 +232,6 @@ def test_an_empty_folder(tmp_path, name, split, looked):
 def test_pairs_before_a_missing_file_are_still_listed(tmp_path):
     kitti_2015(tmp_path)
     (tmp_path / "training/image_3/000001_10.png").unlink()
-    from zpm2.evaluate.datasets import open_dataset
-
     pairs = open_dataset("kitti2015", tmp_path).pairs()
     assert next(pairs).name == "training/000000_10"
     with pytest.raises(InputError, match=r"image_3/000001_10\.png"):

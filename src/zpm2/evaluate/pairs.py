@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 class DisparityTruth:
     """A rectified pair: left (x, y) is right (x - d, y)."""
 
-    file: Path  # .pfm, or .png with d = value / scale; 0, negative, inf and NaN are unknown
+    file: Path  # .pfm (its sign does not matter), .png or .npy; d = value / scale; 0, inf and NaN are unknown
     scale: float = 1.0
 
 

@@ -2,7 +2,6 @@
 models."""
 
 import json
-import resource
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -85,11 +84,15 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
 def memory(pair: EvalPair, out: Path) -> float | None:
     """MB, the peak of the process after this pair (models and earlier pairs counted in), where it was recorded."""
     file = folder_of(pair, out) / "memory.json"
-    return float(_read_json(file)["peak_mb"]) if file.exists() else None
+    return _read_json(file)["peak_mb"] if file.exists() else None
 
 
-def peak_mb() -> int:
-    """MB, the largest resident size that this process has had."""
+def peak_mb() -> int | None:
+    """MB, the largest resident size that this process has had; None on Windows, which does not tell it this way."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
     size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return size // (1024 * 1024 if sys.platform == "darwin" else 1024)
 

@@ -12,7 +12,7 @@ import numpy as np
 from zpm2 import geometry
 from zpm2.errors import Failed, InputError, MissingDependency
 from zpm2.evaluate import predictions
-from zpm2.evaluate.metrics import THRESHOLDS, scores
+from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.io.files import atomic_write
@@ -21,13 +21,15 @@ from zpm2.result import MatchResult
 POSE_PX = 1.0  # px, MAGSAC++ threshold of E
 COUNTS = ("good", "scored", "unscored", "gt")
 SHARES = ("MAS", "P", "R", "F1", "ACR", "AOR", "CCR", "CCR5")  # of `Scores.to_dict`, means are taken over pairs
+PAPER = ("P", "R", "F1", "ACR")  # by the paper's ground truth too
 Row = dict[str, Any]
 
 
 def row(pair: EvalPair, out: Path) -> Row:
     """Everything that is known about the prediction of one pair. `status` is "ok", "missing", or why there is less.
 
-    Dense truth: the figures of `Scores` at 0.5, and MAS at 0.4, 0.5 and 0.8. Pose truth (RGB-D pairs too): errors of R
+    Dense truth: the figures of `Scores` at 0.5, MAS at 0.4, 0.5 and 0.8, and P_paper, R_paper and ACR_paper by the
+    paper's ground truth of projected centres. Pose truth (RGB-D pairs too): errors of R
     and t in degrees, of the pose that all homologous points give without any polygon (five-point, MAGSAC++).
     """
     result = predictions.load(pair, out)
@@ -52,7 +54,9 @@ def _dense(result: MatchResult, truth: Any) -> Row:
     by_threshold = {s.iou: s.to_dict() for s in scores(result, truth)}
     middle = by_threshold[0.5]
     figures: Row = {name: middle[name] for name in (*COUNTS, *SHARES)}
-    return figures | {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in THRESHOLDS}
+    figures |= {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in THRESHOLDS}
+    centers = score_centers(result, truth).to_dict()
+    return figures | {f"{name}_paper": centers[name] for name in PAPER}
 
 
 def _pose(result: MatchResult, truth: PoseTruth) -> Row:
@@ -77,7 +81,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "dense": len(dense),
     }
     found |= {name: sum(r[name] for r in dense) for name in COUNTS if dense}
-    names = (*(f"MAS{round(100 * t)}" for t in THRESHOLDS), *SHARES[1:])
+    names = (*(f"MAS{round(100 * t)}" for t in THRESHOLDS), *SHARES[1:], *(f"{name}_paper" for name in PAPER))
     found |= {name: _mean(dense, name) for name in names if dense}
     found |= {name: _mean(done, name) for name in _stages(done)}
     if posed:
@@ -102,7 +106,7 @@ def markdown(title: str, rows: Sequence[Row], made_by: str) -> str:
 
 def _summary_table(total: Mapping[str, Any]) -> str:
     shown = {name: value for name, value in total.items() if value is not None}
-    shares = {name for name in shown if name.startswith(("MAS", "AUC")) or name in SHARES}
+    shares = {name for name in shown if name.startswith(("MAS", "AUC")) or name.removesuffix("_paper") in SHARES}
     cells = [f"{100 * v:.2f} %" if name in shares else _cell(v) for name, v in shown.items()]
     return table(["figure", "value"], [[name, cell] for name, cell in zip(shown, cells, strict=True)])
 
@@ -160,7 +164,8 @@ def _stages(rows: Sequence[Row]) -> list[str]:
 
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:
-    values = [r[name] for r in rows if r.get(name) is not None]
+    """Over the rows that have it; ACR only where something is true, a ratio to nothing is none."""
+    values = [r[name] for r in rows if r.get(name) is not None and (not name.startswith("ACR") or r["gt"])]
     return float(np.mean(values)) if values else None
 
 

@@ -35,15 +35,14 @@ def photographs(folder: Path, suffixes: Sequence[str] = PHOTOGRAPHS) -> list[Pat
 
 
 def together(*where: Path) -> list[str]:
-    """The file names that occur in any of the folders, in natural order, so that a file missing in one is noticed."""
-    names = {path.name for folder in where for path in existing(folder).iterdir() if path.name[0] != "."}
-    return [path.name for path in sorted(map(Path, names), key=natural)]
+    """The names of photographs in any of the folders, in natural order, so that one missing in a folder is noticed."""
+    return sorted({path.name for folder in where for path in photographs(folder)}, key=lambda name: natural(Path(name)))
 
 
-def natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
     """Sorts scan9 before scan10, and what only differs in leading zeros by its letters."""
     runs = _RUNS.findall(path.name)
-    return [(int(run), "") if run[0] in "0123456789" else (-1, run) for run in runs], path.name
+    return [(False, int(run), "") if run[0] in "0123456789" else (True, 0, run) for run in runs], path.name
 
 
 def found(pairs: Iterator[EvalPair], *looked: Path | str) -> Iterator[EvalPair]:
@@ -62,7 +61,7 @@ def path_name(*parts: str) -> str:
     A path below any folder: empty parts are left out, and '..' becomes '__'.
     """
     clean = (_FOREIGN.sub("_", part) for part in parts)
-    return "/".join("_" * len(part) if set(part) == {"."} else part for part in clean if part)
+    return "/".join("_" * len(part) if set(part) == {"."} else part for part in clean if part) or "_"
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 
 SCALES_2003 = {1500: 1.0, 750: 2.0, 375: 4.0}  # by image height px: full, half, quarter size
 SCALES_2006 = {1110: 1.0, 555: 2.0, 370: 3.0}  # full, half, third size
+TESTING = ("testF", "testH", "testQ")
 _PAIRS = (("im2.png", "im6.png"), ("view1.png", "view5.png"), ("im0.png", "im1.png"))  # sets of 2003 can have im0 too
 
 
@@ -23,7 +24,7 @@ def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
         2003                    im2.png, im6.png, disp2.png
 
     A .png holds the disparity in px of the full size, so that the size of the image gives its scale. split: a folder
-    below `root`, as trainingQ or 2014; None for all. Scenes in a folder test* (MiddEval3) have no truth.
+    below `root`, as trainingQ or 2014; None for all. Scenes in a folder testF, testH or testQ have no truth.
     """
     start = existing(root / split) if split else root
     looked = [start / "SCENE" / left for left, _ in _PAIRS]
@@ -41,8 +42,8 @@ def _scenes(folder: Path) -> Iterator[tuple[Path, str, str]]:
 
 def _pair(root: Path, scene: Path, left: str, right: str) -> EvalPair:
     image = existing(scene / left)
-    name = path_name(*scene.relative_to(root).parts) or path_name(scene.resolve().name)
-    testing = scene.resolve().parent.name.startswith("test")
+    name = path_name(*(scene.relative_to(root).parts or (scene.resolve().name,)))
+    testing = scene.resolve().parent.name in TESTING
     return EvalPair(name, image, existing(scene / right), None if testing else _truth(scene, image))
 
 

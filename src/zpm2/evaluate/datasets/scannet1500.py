@@ -86,12 +86,11 @@ def _frame(name: str, what: str) -> tuple[str, str]:
 
 def _named(root: Path, name: str, scene: str, frame: str) -> Path:
     """The picture where the text file says, else where SensReader puts it."""
-    named = [root / folder / name for folder in ("", "scannet_sample_images")]
-    return next((path for path in named if path.exists()), None) or _picture(root, scene, frame, *named[:1])
+    return _picture(root, scene, frame, root / name, root / "scannet_sample_images" / name)
 
 
-def _picture(root: Path, scene: str, frame: str, *also: Path) -> Path:
-    return existing(*also, *(root / folder / scene / "color" / f"{frame}.jpg" for folder in _FOLDERS))
+def _picture(root: Path, scene: str, frame: str, *first: Path) -> Path:
+    return existing(*first, *(root / folder / scene / "color" / f"{frame}.jpg" for folder in _FOLDERS))
 
 
 def _pair(

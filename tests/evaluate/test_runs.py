@@ -1,0 +1,159 @@
+"""Predictions to files, rows from files, interruption and damage."""
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rendered import Pair, Run
+
+from zpm2 import PolygonMatcher
+from zpm2.config import assign, preset
+from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.errors import InputError
+from zpm2.evaluate import predictions, report
+from zpm2.evaluate.datasets import open_dataset
+from zpm2.result import MatchResult
+
+SIFT = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
+
+
+@pytest.fixture
+def root(pair: Pair, tmp_path: Path) -> Path:
+    """A data set of four pairs: good truth, no truth, damaged truth, a photograph that is none."""
+    disparity = np.nan_to_num(pair.scene.disparity * 100).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "disparity.png"), disparity)
+    (tmp_path / "damaged.png").write_bytes((tmp_path / "disparity.png").read_bytes()[:200])
+    (tmp_path / "text.png").write_text("no picture")
+    truth = {"kind": "disparity", "file": "disparity.png", "scale": 100}
+    known = {"left": str(pair.left), "right": str(pair.right)}
+    pairs = [
+        {"name": "a/good", **known, "gt": truth},
+        {"name": "b", **known, "gt": None},
+        {"name": "c", **known, "gt": {**truth, "file": "damaged.png"}},
+        {"name": "d", **known, "left": "text.png", "gt": truth},
+    ]
+    (tmp_path / "pairs.json").write_text(json.dumps(pairs))
+    return tmp_path
+
+
+class Counting:
+    """A matcher of known regions that counts its calls and can be interrupted."""
+
+    def __init__(self, pair: Pair, interrupt_at: int | None = None) -> None:
+        regions = (PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions))
+        self.matcher = PolygonMatcher(SIFT, segmenter=regions)
+        self.interrupt_at, self.calls, self.loads = interrupt_at, 0, 0
+
+    def load(self) -> "Counting":
+        self.loads += 1
+        return self
+
+    def __call__(self, left: Path, right: Path) -> MatchResult:
+        self.calls += 1
+        if self.calls == self.interrupt_at:
+            raise KeyboardInterrupt
+        return self.matcher(left, right)
+
+
+def test_rows_of_all_kinds_of_pairs(root: Path, pair: Pair, tmp_path: Path) -> None:
+    pairs, out = list(open_dataset("pairs", root).pairs()), tmp_path / "out"
+    predictions.predict(pairs, Counting(pair).load, out, lambda _: None)
+    rows = report.collect(pairs, out, lambda _: None)
+    assert [r["pair"] for r in rows] == ["a/good", "b", "c", "d"]
+    good, unknown, damaged, unreadable = rows
+    assert good["status"] == unknown["status"] == "ok"
+    assert good["P"] > 0.8
+    assert good["good"] > 20
+    assert "P" not in unknown
+    assert unknown["matches"] == good["matches"]
+    assert "damaged.png" in damaged["status"]
+    assert damaged["matches"] == good["matches"]
+    assert "text.png" in unreadable["status"]
+    total = report.summary(rows)
+    assert (total["pairs"], total["done"], total["dense"], total["problems"]) == (4, 3, 1, 2)
+    assert total["P"] == good["P"]
+
+
+def test_an_interruption_loses_the_pair_in_work_only(root: Path, pair: Pair, tmp_path: Path) -> None:
+    pairs, out = list(open_dataset("pairs", root).pairs())[:3], tmp_path / "out"
+    first = Counting(pair, interrupt_at=2)
+    with pytest.raises(KeyboardInterrupt):
+        predictions.predict(pairs, first.load, out, lambda _: None)
+    assert [predictions.load(p, out) is not None for p in pairs] == [True, False, False]
+    second = Counting(pair)
+    predictions.predict(pairs, second.load, out, lambda _: None)
+    assert (second.loads, second.calls) == (1, 2)
+    third = Counting(pair)
+    predictions.predict(pairs, third.load, out, lambda _: None)
+    assert (third.loads, third.calls) == (0, 0)
+    assert len(report.collect(pairs, out, lambda _: None)) == 3
+
+
+def test_two_runs_do_not_mix(tmp_path: Path) -> None:
+    run = predictions.Run("pairs", None, "zpm2", SIFT.to_dict())
+    run.claim(tmp_path)
+    run.claim(tmp_path)
+    other = predictions.Run("pairs", None, "zpm2", preset("default").to_dict())
+    with pytest.raises(InputError, match="another config"):
+        other.claim(tmp_path)
+
+
+def test_files_say_what_the_rows_say(root: Path, pair: Pair, tmp_path: Path) -> None:
+    pairs, out = list(open_dataset("pairs", root).pairs()), tmp_path / "out"
+    predictions.predict(pairs[:2], Counting(pair).load, out, lambda _: None)
+    rows = report.collect(pairs, out, lambda _: None)
+    report.write("title", rows, out, "zpm2 eval", parquet=True)
+    with (out / "rows.csv").open() as file:
+        read = list(csv.DictReader(file))
+    assert [r["pair"] for r in read] == [r["pair"] for r in rows]
+    assert float(read[0]["MAS"]) == rows[0]["MAS"]
+    parquet = pytest.importorskip("pyarrow.parquet").read_table(out / "rows.parquet")
+    assert parquet.column("MAS").to_pylist()[0] == rows[0]["MAS"]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["good"] == rows[0]["good"]
+    text = (out / "summary.md").read_text()
+    assert "- c: missing" in text
+    assert "| a/good |" in text
+
+
+def test_a_damaged_prediction_is_a_problem_of_its_pair(root: Path, pair: Pair, tmp_path: Path) -> None:
+    pairs, out = list(open_dataset("pairs", root).pairs())[:2], tmp_path / "out"
+    predictions.predict(pairs, Counting(pair).load, out, lambda _: None)
+    (predictions.folder_of(pairs[0], out) / "matches.json").write_text("{")
+    rows = report.collect(pairs, out, lambda _: None)
+    assert "is no JSON" in rows[0]["status"]
+    assert rows[1]["status"] == "ok"
+
+
+@pytest.mark.weights
+def test_the_command(run: Run, root: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["eval", "pairs", "--root", root, "-o", out, "--set", "segment.grid=6", "--limit", 2]
+    code, text, err = run(*words)
+    assert code == 0, err
+    assert json.loads(text[: text.rindex("}") + 1])["done"] == 2
+    assert "matched 2 of 2: b" in err
+    code, again, err = run(*words, "--score-only", "--quiet")
+    assert (code, again, err) == (0, "", "")
+    code, _, err = run(*words, "--preset", "paper")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "another config" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["pairz"], "did you mean 'pairs'"),
+        (["kitti2015"], "/training, not there: complete the download"),
+        (["pairs", "--method", "sift"], "methods are: zpm2, shape-context, idsc"),
+        (["pairs", "--limit", "0"], "Invalid value for '--limit'"),
+    ],
+)
+def test_misuse_is_one_line(run: Run, tmp_path: Path, words: list[str], message: str) -> None:
+    (tmp_path / "pairs.json").write_text("[]")
+    code, out, err = run("eval", *words, "--root", tmp_path, "-o", tmp_path / "out")
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert message in err
