@@ -2,7 +2,7 @@
 
     python benchmarks/table_ablation.py --data SceneFlow=sceneflow:DIR -o OUT
 
-The variants are configuration: global_match.search=fixed and local_match.assign=greedy. ACR by the paper's ground truth;
+The variants are configuration: global_match.search=fixed, local_match.assign=greedy. ACR by the paper's ground truth;
 good is the number of right matches (dense truth, IoU 0.5) over all pairs.
 """
 

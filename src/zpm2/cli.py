@@ -13,6 +13,7 @@ import typer
 from zpm2._version import __version__
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.eval_cli import evaluate
+from zpm2.methods import check_method, open_method
 from zpm2.weights_cli import app as weights_app
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ def match_command(
     ] = None,
     left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.")] = None,
     right_regions: Annotated[Path | None, typer.Option(help="The same, right.")] = None,
+    method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
     points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat,sift.")] = None,
     device: Device = None,
     seed: Seed = None,
@@ -99,10 +101,10 @@ def match_command(
     Writes matches.json, left.geojson, right.geojson and overlay.png.
     """
     from zpm2.io.files import output_folder
-    from zpm2.pipeline import PolygonMatcher
 
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
+    check_method(method)
     model = None if segmenter == "precomputed" else segmenter
     options = {"segment.model": model, "points.methods": points, "device": device, "seed": seed}
     config = _config(preset, config_file, settings, options)
@@ -112,7 +114,8 @@ def match_command(
     output_folder(out, (left, right))
     try:
         with _progress(quiet or as_json) as (progress, say):
-            result = PolygonMatcher(config, segmenter=own, progress=progress, say=say)(left, right)
+            matcher = open_method(method, config, segmenter=own, progress=progress, say=say)
+            result = matcher(left, right)
             result.save(out)
     except Zpm2Error:
         if fresh:

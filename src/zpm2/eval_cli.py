@@ -6,17 +6,12 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
-from zpm2.errors import ConfigError
-
-if TYPE_CHECKING:
-    from zpm2.config import Config
-    from zpm2.evaluate.predictions import Matcher
-
-METHODS = ("zpm2", "shape-context", "idsc")
+from zpm2.errors import ConfigError, InputError
+from zpm2.methods import check_method, open_method
 
 
 def evaluate(
@@ -24,6 +19,9 @@ def evaluate(
     root: Annotated[Path, typer.Option(help="The folder that holds the data set, as its publisher lays it out.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for predictions and scores.")],
     split: Annotated[str | None, typer.Option(help="A part of the data set.")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of the data set (docs/datasets.md); repeatable.")
+    ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="The first so many pairs.")] = None,
     preset: Annotated[str, typer.Option(help="paper or default.")] = "default",
     settings: Annotated[
@@ -43,16 +41,17 @@ def evaluate(
     from zpm2.evaluate import predictions, report
     from zpm2.evaluate.datasets import open_dataset
 
-    if method not in METHODS:
-        raise ConfigError(f"unknown method '{method}'; methods are: {', '.join(METHODS)}")
+    check_method(method)
     config = configuration.assign(configuration.preset(preset), settings or [])
     if parquet:
         report.require_parquet()
-    pairs = list(itertools.islice(open_dataset(dataset, root, split).pairs(), limit))
+    pairs = list(itertools.islice(open_dataset(dataset, root, split, **_options(option or [])).pairs(), limit))
     tell = _teller(len(pairs), quiet)
+    if score_only and not (out / "run.json").exists():
+        raise InputError(f"{out} holds no predictions: run the same command without --score-only first")
     if not score_only:
         predictions.Run(dataset, split, method, config.to_dict()).claim(out)
-        predictions.predict(pairs, lambda: _matcher(method, config), out, lambda text: tell("matched", text))
+        predictions.predict(pairs, lambda: open_method(method, config), out, lambda text: tell("matched", text))
     tell = _teller(len(pairs), quiet)
     rows = report.collect(pairs, out, lambda text: tell("scored", text))
     made_by = shlex.join(["zpm2", *sys.argv[1:]])
@@ -66,14 +65,15 @@ def evaluate(
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
 
-def _matcher(method: str, config: "Config") -> "Matcher":
-    if method != "zpm2":
-        from zpm2.baselines import BaselineMatcher
-
-        return BaselineMatcher(method, config)
-    from zpm2.pipeline import PolygonMatcher
-
-    return PolygonMatcher(config)
+def _options(texts: list[str]) -> dict[str, Any]:
+    """Options of a data set as Python values: "true", "false" and whole numbers become what they mean."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if not (name and value):
+            raise ConfigError(f"--option {text}: expected NAME=VALUE, for example gap=20")
+        found[name] = {"true": True, "false": False}.get(value.lower(), int(value) if value.isdecimal() else value)
+    return found
 
 
 def _teller(total: int, quiet: bool) -> Callable[[str, str], None]:

@@ -258,3 +258,23 @@ def carried(polygon, points):
     """Where the middle of a polygon goes, px."""
     nearest = np.linalg.norm(points.left - polygon.center, axis=1).argmin()
     return points.right[nearest] - points.left[nearest]
+
+
+def test_a_depth_map_of_another_resolution(tmp_path: Path) -> None:
+    """As ScanNet's: the same view, fewer pixels. Other proportions are refused."""
+    fine = np.repeat(np.repeat(np.arange(1, 13).reshape(3, 4), 40, axis=0), 40, axis=1).astype(np.float64)
+    np.save(tmp_path / "fine.npy", fine)
+    np.save(tmp_path / "coarse.npy", fine[20::40, 20::40])
+    np.save(tmp_path / "wide.npy", fine[20::40, ::10])
+    k = np.array([[100.0, 0, 80], [0, 100, 60], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[0, 3] = -0.1
+    found = {}
+    for name in ("fine", "coarse"):
+        truth = DepthTruth((k, k), pose, (tmp_path / f"{name}.npy", None), 1.0)
+        found[name] = covisible(truth, (160, 120), (160, 120))
+    assert len(found["fine"]) > 10_000
+    assert np.array_equal(found["fine"].left, found["coarse"].left)
+    assert np.array_equal(found["fine"].right, found["coarse"].right)
+    with pytest.raises(InputError, match=r"16 x 3 px, its image 160 x 120 px"):
+        covisible(DepthTruth((k, k), pose, (tmp_path / "wide.npy", None), 1.0), (160, 120), (160, 120))

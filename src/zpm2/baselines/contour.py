@@ -19,15 +19,15 @@ def outline(ring: Array) -> Array:
     ring = (ring - np.average(ring + ahead / 2, axis=0, weights=step)) / step.sum()
     x, y = np.round(ring, 9).T
     start = np.lexsort((y, x, -np.round(np.hypot(*ring.T), 9)))[0]
-    return np.roll(ring, -start, axis=0)
+    return np.asarray(np.roll(ring, -start, axis=0))
 
 
 def sample(ring: Array, n: int) -> Array:
-    """(n, 2) samples of a closed (v, 2) ring, equally far from each other along it, the first one at its first vertex."""
+    """(n, 2) samples of a closed (v, 2) ring, equally far from each other along it, from its first vertex on."""
     closed = np.concatenate([ring, ring[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     where = np.arange(n) * along[-1] / n
-    return np.c_[np.interp(where, along, closed[:, 0]), np.interp(where, along, closed[:, 1])]
+    return np.asarray(np.c_[np.interp(where, along, closed[:, 0]), np.interp(where, along, closed[:, 1])])
 
 
 def tangents(samples: Array) -> Array:

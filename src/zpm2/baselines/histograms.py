@@ -6,12 +6,23 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.errors import ConfigError
+
 Array = NDArray[np.float64]
 Costs = NDArray[np.float32]
 Counts = NDArray[np.uint16]
 
 INNER, OUTER = 0.125, 2.0  # of the mean distance: where the innermost ring ends and the outermost begins to be full
-BLOCK = 2**22  # chi-square costs that are in memory at a time
+BLOCK = 2**20  # chi-square costs that are in memory at a time
+
+
+def check_bins(samples: int, rings: int, sectors: int, limit: float) -> None:
+    """`ConfigError` for settings of a descriptor that cannot be used."""
+    if not 3 <= samples <= 1000 or rings < 1 or sectors < 1 or not 0 < limit <= 1:
+        raise ConfigError(
+            "a shape descriptor needs 3 to 1000 samples, at least 1 ring and 1 sector, and a limit in (0, 1], "
+            f"got {samples}, {rings}, {sectors} and {limit}"
+        )
 
 
 def log_polar(distance: Array, angle: Array, rings: int, sectors: int) -> Counts:
@@ -48,7 +59,7 @@ def compare(
 ) -> Array:
     """(p, q) distance of every left shape to every right one. Shapes are (p, n, b) and (q, n, b) histograms.
 
-    `align` turns the (c, n, n) chi-square costs of c pairs into their (c,) distances. Memory does not grow with p * q:
+    `align` turns the (c, n, n) chi-square costs of c pairs into their (c,) distances. Only the result grows with p * q:
     costs are made for blocks of pairs. `progress` is told the share that is done, 0..1.
     """
     (p, n, bins), q = left.shape, len(right)
@@ -65,7 +76,7 @@ def compare(
 
 
 def _distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> Costs:
-    return np.maximum(np.float32(1) - first @ second.T, np.float32(0))
+    return np.asarray(np.maximum(np.float32(1) - first @ second.T, np.float32(0)))
 
 
 def _embed(counts: Counts, total: int) -> NDArray[np.float32]:
@@ -79,10 +90,10 @@ def _table(total: int) -> NDArray[np.float32]:
 
     (a - b)^2 / (a + b) = a + b - 4 a b / (a + b), so half the chi-square distance of two histograms of the same total
     is 1 minus the sum of these products, and all costs of many histograms are one matrix product. The kernel is
-    positive definite (Vedaldi and Zisserman, PAMI 2012) and its eigenvalues fall so fast that r is about ten.
+    positive definite (Vedaldi and Zisserman, PAMI 2012) and its eigenvalues fall so fast that r is about twelve.
     """
     a = np.arange(1.0, total + 1)
     values, vectors = np.linalg.eigh(2 * np.outer(a, a) / np.add.outer(a, a) / total)
-    kept = values > 1e-8 * values[-1]
+    kept = values > 1e-10 * values[-1]
     rows = vectors[:, kept] * np.sqrt(values[kept])
     return np.concatenate([np.zeros((1, rows.shape[1])), rows]).astype(np.float32)

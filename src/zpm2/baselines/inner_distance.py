@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import shapely
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import shortest_path
 
 from zpm2.baselines.contour import outline, sample, tangents
-from zpm2.baselines.histograms import Costs, Counts, log_polar
+from zpm2.baselines.histograms import Costs, Counts, check_bins, log_polar
+from zpm2.errors import ConfigError
 from zpm2.model import Polygon
 
 Array = NDArray[np.float64]
@@ -26,12 +28,21 @@ class InnerDistance:
     translation, scale and rotation, and nearly to bending at joints.
     """
 
+    name: ClassVar[str] = "idsc"
     samples: int = 100  # along each outline
     rings: int = 5  # log of the inner distance
     sectors: int = 12  # inner angle
     penalty: float = 0.3  # tau, cost of a sample that is occluded
     starts: int = 8  # k, places where the second outline may start
-    limit: float = 0.25  # distance from which a pair stays unmatched
+    limit: float = 0.12  # 0..1, distance from which a pair stays unmatched; best F1 on real pairs (docs/baselines.md)
+
+    def __post_init__(self) -> None:
+        check_bins(self.samples, self.rings, self.sectors, self.limit)
+        if not 0 < self.penalty <= 1 or not 1 <= self.starts <= self.samples:
+            raise ConfigError(
+                "the occlusion penalty must lie in (0, 1] and starts from 1 to the number of samples, "
+                f"got {self.penalty} and {self.starts}"
+            )
 
     def describe(self, polygons: Sequence[Polygon]) -> Counts:
         """(p, n, rings * sectors) histograms of each polygon's n samples."""
@@ -88,4 +99,4 @@ def align_ordered(costs: Costs, penalty: float, starts: int) -> Array:
         best += np.float32(penalty)
         np.minimum(best[..., 1:], matched, out=best[..., 1:])
         np.minimum.accumulate(best, axis=2, out=best)
-    return best[..., -1].min(axis=1).astype(np.float64) / n
+    return np.asarray(best[..., -1].min(axis=1).astype(np.float64) / n)

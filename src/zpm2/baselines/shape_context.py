@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from zpm2.baselines.contour import outline, sample, tangents
-from zpm2.baselines.histograms import Costs, Counts, log_polar
+from zpm2.baselines.histograms import Costs, Counts, check_bins, log_polar
 from zpm2.model import Polygon
 
 
@@ -20,11 +21,15 @@ class ShapeContext:
     The publication's thin-plate warp and appearance terms are left out: the paper compares descriptors.
     """
 
+    name: ClassVar[str] = "shape-context"
     samples: int = 100  # along each outline
     rings: int = 5  # log of the distance
     sectors: int = 12  # angle
     rotated: bool = False  # whether angles are measured from the tangent instead of the image's x axis
-    limit: float = 0.25  # distance from which a pair stays unmatched
+    limit: float = 0.14  # 0..1, distance from which a pair stays unmatched; best F1 on real pairs (docs/baselines.md)
+
+    def __post_init__(self) -> None:
+        check_bins(self.samples, self.rings, self.sectors, self.limit)
 
     def describe(self, polygons: Sequence[Polygon]) -> Counts:
         """(p, n, rings * sectors) histograms of each polygon's n samples."""

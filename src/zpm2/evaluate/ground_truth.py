@@ -8,6 +8,7 @@ polygon matching", Eq. gt): the centres of two polygons must project onto each o
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,11 +62,23 @@ def covisible(truth: Truth, left_size: tuple[int, int], right_size: tuple[int, i
         return from_disparity(read_map(truth.file, left_size, truth.scale), right_size)
     if isinstance(truth, DepthTruth):
         depth, other = truth.files
-        right_depth = None if other is None else read_map(other, right_size, truth.scale)
-        return from_depth(read_map(depth, left_size, truth.scale), truth, right_size, right_depth)
+        right_depth = None if other is None else _depth(other, right_size, truth.scale)
+        return from_depth(_depth(depth, left_size, truth.scale), truth, right_size, right_depth)
     if isinstance(truth, HomographyTruth):
         return from_homography(truth.matrix, left_size, right_size)
     raise InputError("a pose without depth does not say which points correspond: judge this pair by its pose error")
+
+
+def _depth(file: Path, size: tuple[int, int], scale: float) -> NDArray[np.float32]:
+    """(h, w) metres on the pixels of an image of `size`. A sensor's depth map may have another resolution (ScanNet:
+    640 x 480 for 1296 x 968); with the same proportions, to 1 %, each pixel takes the value that lies at its place."""
+    values = read_map(file, None, scale)
+    (width, height), (own_height, own_width) = size, values.shape
+    if (own_width, own_height) == size or abs(own_width * height / (own_height * width) - 1) > 0.01:
+        return read_map(file, size, scale)
+    rows = (np.arange(height) + 0.5) * own_height / height
+    columns = (np.arange(width) + 0.5) * own_width / width
+    return values[np.ix_(rows.astype(np.intp), columns.astype(np.intp))]
 
 
 def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, int]) -> CoVisible:

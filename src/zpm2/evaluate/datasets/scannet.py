@@ -22,7 +22,7 @@ def pairs(root: Path, split: str | None, *, gap: int = 10) -> Iterator[EvalPair]
     `root` may also be the folder of one scene. split: one scene; None for all. A pose file goes from camera to world;
     frames whose pose is not finite (tracking was lost) take no part. Where a scene has no folder `depth` the truth is
     the pose alone. K follows the size of the stored pictures; a scene without intrinsic_color.txt takes
-    intrinsic_depth.txt, scaled from 640 x 480. SGAM and MESA evaluate frames that are 5 or 10 apart.
+    intrinsic_depth.txt, scaled from 640 x 480.
     """
     if gap < 1:
         raise ConfigError(f"gap must be at least 1 frame, got {gap}")
