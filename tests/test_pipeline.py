@@ -16,7 +16,7 @@ from zpm2.config import Config, PointsConfig, SegmentConfig
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Image, Mask, PointMatches
-from zpm2.pipeline import resolve_device
+from zpm2.regions import resolve_device
 
 SIFT = Config(points=PointsConfig(methods=("sift",)), device="cpu")
 

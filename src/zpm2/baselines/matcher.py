@@ -16,7 +16,7 @@ from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, Failed
 from zpm2.io.images import read_image
 from zpm2.model import PointMatches, Polygon, PolygonMatch
-from zpm2.pipeline import Clock, ImageLike, Progress, RegionStages, no_matches
+from zpm2.regions import Clock, ImageLike, Progress, RegionStages, no_matches
 from zpm2.result import MatchResult
 
 NOT_ESTIMATED = Failed("not estimated by this method")
