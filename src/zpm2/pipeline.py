@@ -50,8 +50,8 @@ class PolygonMatcher:
         with clock("read"):
             images = read_image(left, "left image"), read_image(right, "right image")
         with clock("load"):
-            self._regions.load()
             matcher = self._load_points()
+            self._regions.load()
         with clock("detect"):
             sides, warnings = self._regions.detect(images)
         with clock("points"):
