@@ -1,12 +1,18 @@
 """Isolation from the machine's caches and networks, the command line in-process, and a rendered pair."""
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from rendered import Outcome, Pair, Run, save_pair
 
 from zpm2 import cli
 from zpm2.demo import render_scene
+
+# Time is no property of a result: machines are shared. In CI the examples are the same each time.
+settings.register_profile("zpm2", deadline=None, derandomize=bool(os.environ.get("CI")))
+settings.load_profile("zpm2")
 
 
 @pytest.fixture(autouse=True)
