@@ -277,3 +277,12 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
         resolve_device("cuda")
     with pytest.raises(ConfigError, match="unknown device 'gpu'"):
         resolve_device("gpu")
+
+
+def test_polygons_that_no_texture_places_are_told() -> None:
+    uniform = np.full((240, 400, 3), 90, np.uint8)
+    found = PolygonMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))(uniform, uniform)
+    told = [text for text in found.warnings if "stay where the geometry predicts them" in text]
+    assert len(told) == 1
+    assert told[0].startswith("60 of 60 left polygons")
+    assert "without texture that correlates" in told[0]

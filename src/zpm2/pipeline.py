@@ -7,7 +7,7 @@ from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
-from zpm2.global_match import InitialGeometry, initial_geometry, place, search_candidates
+from zpm2.global_match import InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.io.images import read_image
 from zpm2.local_match import match_polygons
 from zpm2.model import PolygonArrays
@@ -63,6 +63,7 @@ class PolygonMatcher:
             candidates = search_candidates(*arrays, placement, config.global_match)
         with clock("local"):
             matches = match_polygons(images, arrays, initial, placement, candidates, config.local_match)
+        warnings += [*_geometry_warnings(initial), *_placement_warnings(placement, config), *no_matches(matches)]
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -72,7 +73,7 @@ class PolygonMatcher:
             homography=initial.homography,
             config=config.to_dict(),
             timings=clock.seconds,
-            warnings=[*warnings, *_geometry_warnings(initial), *no_matches(matches)],
+            warnings=warnings,
         )
 
     def _load_points(self) -> PointMatcher:
@@ -86,6 +87,18 @@ class PolygonMatcher:
 def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
     """Match the polygons of one pair of photographs. For many pairs, keep a `PolygonMatcher`."""
     return PolygonMatcher(config)(left, right)
+
+
+def _placement_warnings(placement: Placement, config: Config) -> list[str]:
+    """How many polygons the pyramid could not confirm and left where H predicts them."""
+    predicted = ~placement.found
+    if config.global_match.search == "fixed" or not predicted.any():
+        return []
+    count, outside = int(predicted.sum()), int((predicted & placement.outside).sum())
+    return [
+        f"{count} of {len(predicted)} left polygons stay where the geometry predicts them: {outside} beyond the right "
+        f"image, {count - outside} without texture that correlates"
+    ]
 
 
 def _geometry_warnings(initial: InitialGeometry) -> list[str]:

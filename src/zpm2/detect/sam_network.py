@@ -21,7 +21,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-TOKENS_OUT = 5  # one token for the predicted IoU, four for masks (the first mask is the single-mask output)
 GRID = 64  # image tokens along a side
 SIDE = 1024  # px, the square that the image encoder sees
 LOW = 256  # px, side of a decoded mask
