@@ -25,6 +25,7 @@ class SegmentConfig:
     model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = "mobile_sam"
     backend: Literal["auto", "openvino", "torch"] = "auto"  # auto: openvino on a CPU where it is installed, else torch
     grid: int = 32  # prompts along each image side, grid x grid in all
+    quality: Literal["fast", "balanced", "full"] = "full"  # full: all prompts; else those where something new may lie
     min_predicted_iou: float = 0.88  # 0..1, masks that the model itself doubts are dropped
     min_stability: float = 0.95  # 0..1, IoU of the mask cut at +offset and -offset
     stability_offset: float = 1.0  # logits
@@ -83,6 +84,17 @@ class LocalConfig:
 
 
 @dataclass(frozen=True)
+class GuidedConfig:
+    """Guided re-detection: the segmenter is asked in one image about the polygons of the other."""
+
+    direction: Literal["off", "forward", "both"] = "off"  # forward: left polygons in the right image only
+    min_overlap: float = 0.7  # 0..1, IoU of an answer with the carried polygon that it was asked for
+    min_predicted_iou: float = 0.7  # 0..1, lower than `segment`'s: agreement between the images is evidence too
+    min_stability: float = 0.85  # 0..1, the same
+    min_match_overlap: float = 0.5  # 0..1, `local_match.min_overlap` of pairs in which one mask was below `segment`'s
+
+
+@dataclass(frozen=True)
 class Config:
     """The whole method."""
 
@@ -91,6 +103,7 @@ class Config:
     points: PointsConfig = field(default_factory=PointsConfig)
     global_match: GlobalConfig = field(default_factory=GlobalConfig)
     local_match: LocalConfig = field(default_factory=LocalConfig)
+    guided: GuidedConfig = field(default_factory=GuidedConfig)
     seed: int = 0
     device: str = "auto"  # auto, cpu, cuda
 
@@ -244,9 +257,17 @@ SHARES = (
     "segment.max_area",
     "local_match.min_overlap",
     "points.min_score",
+    "guided.min_overlap",
+    "guided.min_predicted_iou",
+    "guided.min_stability",
+    "guided.min_match_overlap",
 )
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),
-    "default": Config(local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35)),
+    "default": Config(
+        segment=SegmentConfig(quality="fast"),
+        local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
+        guided=GuidedConfig(direction="both"),
+    ),
 }

@@ -1,17 +1,20 @@
-"""The method on one screen: regions -> points -> places -> matches (paper Fig. 3). Stages are arguments."""
+"""The method on one screen: points -> regions -> places -> matches (paper Fig. 3). Stages are arguments.
 
-from collections.abc import Callable
+Points come first, because with guided re-detection they say where the regions of one image are asked for in the other.
+"""
+
+from collections.abc import Callable, Sequence
 
 from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
-from zpm2.global_match import InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.io.images import read_image
 from zpm2.local_match import match_polygons
-from zpm2.model import PolygonArrays
-from zpm2.regions import Clock, ImageLike, Progress, RegionStages, no_matches, resolve_device
+from zpm2.model import PolygonMatch
+from zpm2.regions import Clock, Detected, ImageLike, Progress, RegionStages, no_matches, resolve_device
 from zpm2.result import MatchResult
 
 
@@ -52,18 +55,21 @@ class PolygonMatcher:
         with clock("load"):
             matcher = self._load_points()
             self._regions.load()
-        with clock("detect"):
-            sides, warnings = self._regions.detect(images)
         with clock("points"):
             points = matcher.match(*images)
-        with clock("global"):
-            arrays = PolygonArrays(sides[0].polygons), PolygonArrays(sides[1].polygons)
             initial = initial_geometry(points, config.global_match, config.seed)
-            placement = place(*images, arrays[0].centers, initial, config.global_match)
-            candidates = search_candidates(*arrays, placement, config.global_match)
+        with clock("detect"):
+            found = self._regions.detect(images, initial)
+        with clock("global"):
+            placement, candidates = self._place(found, initial)
         with clock("local"):
-            matches = match_polygons(images, arrays, initial, placement, candidates, config.local_match)
-        warnings += [*_geometry_warnings(initial), *_placement_warnings(placement, config), *no_matches(matches)]
+            matches = self._match(found, initial, placement, candidates)
+        if found.pair is not None and config.guided.direction == "both":
+            with clock("guided"):
+                found = self._regions.redetect(found, matches, initial)
+                placement, candidates = self._place(found, initial)
+                matches = self._match(found, initial, placement, candidates)
+        sides, matches = found.sides(matches)
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -73,8 +79,24 @@ class PolygonMatcher:
             homography=initial.homography,
             config=config.to_dict(),
             timings=clock.seconds,
-            warnings=warnings,
+            warnings=[
+                *found.warnings,
+                *_geometry_warnings(initial),
+                *_placement_warnings(placement, config),
+                *no_matches(matches),
+            ],
         )
+
+    def _place(self, found: Detected, initial: InitialGeometry) -> tuple[Placement, Candidates]:
+        config, polygons = self.config.global_match, found.polygons
+        placement = place(*found.images, polygons[0].centers, initial, config)
+        return placement, search_candidates(*polygons, placement, config)
+
+    def _match(
+        self, found: Detected, initial: InitialGeometry, placement: Placement, candidates: Candidates
+    ) -> Sequence[PolygonMatch]:
+        config = self.config.local_match
+        return match_polygons(found.images, found.polygons, initial, placement, candidates, config, found.guidance)
 
     def _load_points(self) -> PointMatcher:
         if self._points is None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -10,14 +11,36 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.config import Config
-from zpm2.detect.protocol import PolygonSource, Segmenter
+from zpm2.detect.protocol import PolygonSource, PromptedSegmenter, Segmenter
 from zpm2.detect.vectorize import vectorize
 from zpm2.errors import ConfigError
-from zpm2.model import Image, Polygon, PolygonMatch
+from zpm2.global_match import InitialGeometry
+from zpm2.local_match import guided
+from zpm2.local_match.guidance import Guidance
+from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch
 from zpm2.result import Side
 
 ImageLike = str | Path | NDArray[Any] | PIL.Image.Image
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
+
+
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """The regions of a pair, as the matcher takes them."""
+
+    images: tuple[Image, Image]
+    polygons: tuple[PolygonArrays, PolygonArrays]
+    warnings: list[str]
+    pair: guided.Pair | None = None  # where the segmenter can be asked again
+    guidance: Guidance | None = None
+
+    def sides(self, matches: Sequence[PolygonMatch]) -> tuple[tuple[Side, Side], Sequence[PolygonMatch]]:
+        """Both sides of a result, and the matches by the ids that their polygons have there."""
+        polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
+        if self.pair is not None:
+            polygons, matches = guided.settle(self.pair, matches)
+        left, right = (Side(i.width, i.height, p, i.path, i) for i, p in zip(self.images, polygons, strict=True))
+        return (left, right), matches
 
 
 class RegionStages:
@@ -48,20 +71,50 @@ class RegionStages:
             self._segmenters = (sam, sam)
         return self._segmenters
 
-    def detect(self, images: tuple[Image, Image]) -> tuple[tuple[Side, Side], list[str]]:
-        """Both sides with their polygons, and what there is to warn of."""
+    def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "Detected":
+        """The polygons of both images: each image segmented alone, or, where `initial` is given, the configuration asks
+        for it, and the segmenter can be asked, the right one guided by the left one."""
+        segmenters, why_not = self.load(), None
+        if initial is not None and self.config.guided.direction != "off":
+            prompted = [segmenter for segmenter in segmenters if isinstance(segmenter, PromptedSegmenter)]
+            if any(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
+                pass  # polygons that are given are to be matched as they are
+            elif len(prompted) < 2:
+                why_not = "the segmenter takes no prompts: no guided re-detection"
+            elif not initial.supported:
+                why_not = "no geometry that could guide: each image was segmented alone"
+            else:
+                left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
+                pair = guided.detect((left, right), initial, self.config, self._share)
+                return self._guided(images, pair, initial)
         self._sides_done = 0
-        found = [self._polygons(s, image) for s, image in zip(self.load(), images, strict=True)]
-        polygons, notes = zip(*found, strict=True)
-        left, right = (Side(i.width, i.height, p, i.path, i) for i, p in zip(images, polygons, strict=True))
-        return (left, right), _region_warnings(images, notes, polygons)
+        found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
+        (left, right), notes = zip(*found, strict=True)
+        warnings = _region_warnings(images, notes, (left, right)) + ([why_not] if why_not else [])
+        return Detected(images, (PolygonArrays(left), PolygonArrays(right)), warnings)
+
+    def redetect(self, found: "Detected", matches: Sequence[PolygonMatch], initial: InitialGeometry) -> "Detected":
+        """`found` and what asking the left image about the unmatched right polygons adds."""
+        assert found.pair is not None
+        return self._guided(found.images, guided.redetect(found.pair, matches, initial, self.config), initial)
+
+    def _guided(self, images: tuple[Image, Image], pair: guided.Pair, initial: InitialGeometry) -> "Detected":
+        polygons = pair.left.polygons, pair.right.polygons
+        left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
+        left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
+        warnings = _region_warnings(images, (left_notes, right_notes), polygons)
+        guidance = guided.guidance(pair, left, initial, self.config)
+        return Detected(images, (left, right), warnings, pair, guidance)
 
     def download(self, done: int, total: int) -> None:
         """Tells `progress` how many bytes of weights have come."""
         self.progress("load", done / max(total, 1))
 
+    def _share(self, share: float) -> None:
+        self.progress("detect", share)
+
     def _detect_progress(self, share: float) -> None:
-        self.progress("detect", (self._sides_done + share) / 2)
+        self._share((self._sides_done + share) / 2)
 
     def _polygons(self, segmenter: Segmenter, image: Image) -> tuple[list[Polygon], list[str]]:
         """The polygons of one side, and what the segmenter has to say about them."""
@@ -71,7 +124,7 @@ class RegionStages:
             size = image.width, image.height
             found = vectorize(segmenter.segment(image), self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
-        return found, list(getattr(segmenter, "notes", []))
+        return found, _notes(segmenter)
 
 
 def resolve_device(name: str) -> str:
@@ -90,7 +143,7 @@ def resolve_device(name: str) -> str:
 
 
 class Clock:
-    """Seconds by stage; tells `progress` when one begins and ends."""
+    """Seconds by stage, of all times that it was entered; tells `progress` when one begins and ends."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
@@ -101,13 +154,18 @@ class Clock:
         self.progress(stage, 0.0)
         start = perf_counter()
         yield
-        self.seconds[stage] = perf_counter() - start
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + perf_counter() - start
         self.progress(stage, 1.0)
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:
     """The warning that nothing was matched, where that is so."""
     return [] if matches else ["no polygons were matched"]
+
+
+def _notes(segmenter: Segmenter) -> list[str]:
+    """What a segmenter has to say about its last image."""
+    return list(getattr(segmenter, "notes", []))
 
 
 def _region_warnings(

@@ -81,7 +81,8 @@ class BaselineMatcher:
         with clock("load"):
             self._regions.load()
         with clock("detect"):
-            sides, warnings = self._regions.detect(images)
+            found = self._regions.detect(images)
+            sides, _ = found.sides(())
         with clock("describe"):
             shapes = method.describe(sides[0].polygons), method.describe(sides[1].polygons)
         with clock("compare"):
@@ -106,7 +107,7 @@ class BaselineMatcher:
             homography=NOT_ESTIMATED,
             config={**self.config.to_dict(), "baseline": {"method": method.name, **vars(method)}},
             timings=clock.seconds,
-            warnings=[*warnings, *no_matches(matches)],
+            warnings=[*found.warnings, *no_matches(matches)],
         )
 
 

@@ -22,7 +22,7 @@ def suppress(
     packed: NDArray[np.uint64],
     box: NDArray[np.int64],
     area: NDArray[np.int64],
-    score: NDArray[np.float32],
+    score: NDArray[np.floating],
     threshold: float,
 ) -> NDArray[np.intp]:
     """Greedy non-maximum suppression on masks (not their boxes): the indices that stay, best score first.

@@ -2,6 +2,10 @@
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.detect.answers import Answers, Floor, Prompts
 from zpm2.model import Image, Mask, Polygon
 
 
@@ -24,4 +28,34 @@ class PolygonSource(Protocol):
 
     def polygons(self, image: Image) -> list[Polygon]:
         """The regions as valid polygons with distinct ids and with parents, in image px."""
+        ...
+
+
+class PromptedView(Protocol):
+    """One photograph, encoded once, that can be asked about places as often as wanted."""
+
+    low: float  # px of a decoded mask per image px
+    size: tuple[int, int]  # (height, width) of the image in px of a decoded mask
+    image: Image
+    batch: int  # prompts that are best asked together on this device
+
+    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
+        """The masks of each prompt that reach `floor`."""
+        ...
+
+    def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
+        """(n,) shapely polygons in image px -> (n, 256, 256) pixels of a decoded mask that they cover."""
+        ...
+
+    def masks(self, answers: Answers) -> list[Mask]:
+        """Each answer at the image's resolution."""
+        ...
+
+
+@runtime_checkable
+class PromptedSegmenter(Protocol):
+    """A segmenter that can be asked again about a photograph. `isinstance(segmenter, PromptedSegmenter)` tells."""
+
+    def view(self, image: Image) -> PromptedView:
+        """The photograph, encoded."""
         ...

@@ -1,44 +1,31 @@
-"""Segment everything with SAM: a grid of point prompts, filters, and one mask per region.
+"""SAM as a segmenter that can be asked: a photograph is encoded once, prompts get masks with scores.
 
-The procedure is SAM's automatic mask generator (Kirillov et al. 2023, Appendix B, "Automatic Mask Generation"), on one
-view of the image. All filters work at the decoder's 256 x 256 resolution; only what survives them is brought to the
-image's own.
+Masks stay at the decoder's 256 x 256 resolution until it is known which of them are wanted; only those are brought to
+the image's own.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
-from zpm2.detect import masks
+from zpm2.detect import everything, masks
+from zpm2.detect.answers import LOW, Answers, Floor, Prompts
 from zpm2.detect.sam_backend import SamBackend, open_backend
 from zpm2.model import Image, Mask
 
-SIDE, LOW = 1024, 256  # px, what the image encoder sees and what the mask decoder answers
-BATCH = 16  # prompts at a time: 4 MB of image tokens each
+SIDE = 1024  # px, what the image encoder sees
+SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
 MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 STD = np.array([58.395, 57.12, 57.375], np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Masks that passed the filters, at low resolution."""
-
-    score: NDArray[np.float32]  # (n,) predicted IoU
-    logits: NDArray[np.float16]  # (n, 256, 256)
-
-    @staticmethod
-    def join(parts: "list[_Found]") -> "_Found":
-        return _Found(np.concatenate([p.score for p in parts]), np.concatenate([p.logits for p in parts]))
-
-
 class SamSegmenter:
-    """SAM behind the `Segmenter` protocol. Loads its networks on first use and keeps them.
+    """SAM behind the `PromptedSegmenter` protocol. Loads its networks on first use and keeps them.
 
     `notes` holds what a user should know about how it runs. `say` is told about a conversion in progress,
     `progress` the share of an image's prompts that is done, 0..1, and `download` the bytes of missing weights.
@@ -66,50 +53,73 @@ class SamSegmenter:
                 self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
         return self._backend
 
+    def view(self, image: Image) -> "SamView":
+        """The photograph, encoded."""
+        return SamView(self.load(), image, self.config)
+
     def segment(self, image: Image) -> list[Mask]:
         """Every region that the prompts find, best score first."""
-        backend, scale = self.load(), SIDE / max(image.width, image.height)
-        parts = backend.image(encoder_input(image, scale))
-        grid = (np.arange(self.config.grid) + 0.5) / self.config.grid
-        x, y = np.meshgrid(grid * image.width * scale, grid * image.height * scale)
-        prompts = np.c_[x.ravel(), y.ravel()][:, None]
-        valid = np.ceil(np.array([image.height, image.width]) * scale * LOW / SIDE).astype(int)
-        found = []
-        for start in range(0, len(prompts), BATCH):
-            found.append(self._decode(backend, parts, prompts[start : start + BATCH], valid))
-            self.progress(min(1.0, (start + BATCH) / len(prompts)))
-        return self._finish(_Found.join(found), image, scale)
+        view = self.view(image)
+        found = view.masks(everything.everything(view, self.config, progress=self.progress))
+        return [mask for mask in found if mask.area >= self.config.min_area]
 
-    def _decode(self, backend: SamBackend, parts: Any, points: NDArray[np.float64], valid: NDArray[np.int64]) -> _Found:
-        """One batch of point prompts (B, 1, 2), px of the encoder's square -> the masks that pass the filters."""
-        config = self.config
-        iou, hyper, tokens = backend.prompt(parts, backend.embed(points, np.array([1])))
-        iou, hyper = iou[:, 1:], hyper[:, 1:]  # the first mask is the single-mask answer, for several prompts at once
-        rows = np.flatnonzero((iou >= config.min_predicted_iou).any(1))
+
+class SamView:
+    """One photograph as SAM sees it: in a 1024-px square. Encoded once, asked as often as wanted."""
+
+    def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
+        self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
+        self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
+        self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
+        height, width = np.ceil(np.array([image.height, image.width]) * self.low)
+        self.size = int(height), int(width)
+        self.parts = backend.image(encoder_input(image, self.scale))
+
+    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
+        """The masks of each prompt that reach `floor`, by prompt. Those of too low a predicted IoU are not decoded.
+
+        A point alone is ambiguous: it gets the masks of a whole, a part and a subpart. With a box, the mask that SAM
+        gives to unambiguous prompts comes in addition.
+        """
+        first = 1 if prompts.points.shape[1] <= SINGLE else 0
+        starts = range(0, len(prompts), self.batch)
+        return Answers.join([self._ask(prompts[s : s + self.batch], s, first, floor) for s in starts])
+
+    def _ask(self, prompts: Prompts, start: int, first: int, floor: Floor) -> Answers:
+        sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
+        iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
+        iou, hyper = iou[:, first:], hyper[:, first:]
+        rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
         if len(rows) == 0:
-            return _Found(np.zeros(0, np.float32), np.zeros((0, LOW, LOW), np.float16))
-        logits = backend.mask(tokens, rows, hyper[rows])
-        good = iou[rows] >= config.min_predicted_iou
+            return Answers.none()
+        logits = self.backend.mask(tokens, rows, hyper[rows])
+        good = iou[rows] >= floor.predicted_iou
         logits, score = logits[good], iou[rows][good]
-        logits[:, valid[0] :] = logits[:, :, valid[1] :] = -np.inf  # the padding is no part of the image
-        inner = (logits > config.stability_offset).sum((1, 2))
-        outer = (logits > -config.stability_offset).sum((1, 2))
-        stable = inner >= np.maximum(config.min_stability * outer, 1)
-        return _Found(score[stable], np.clip(logits[stable], -60, 60).astype(np.float16))
+        logits[:, self.size[0] :] = logits[:, :, self.size[1] :] = -np.inf  # the padding is no part of the image
+        inner = (logits > self.config.stability_offset).sum((1, 2))
+        outer = (logits > -self.config.stability_offset).sum((1, 2))
+        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
+        keep = (stability >= floor.stability) & (inner > 0)
+        prompt = start + rows[np.nonzero(good)[0][keep]]
+        return Answers(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
 
-    def _finish(self, found: _Found, image: Image, scale: float) -> list[Mask]:
-        pixels = (SIDE / LOW / scale) ** 2  # image px^2 of one low-resolution pixel
-        bits = found.logits > 0
-        area = bits.sum((1, 2), dtype=np.int64)
-        usable = (area * pixels >= self.config.min_area / 2) & (area > 0)
-        usable &= area * pixels <= self.config.max_area * image.width * image.height
-        score, logits, bits, area = found.score[usable], found.logits[usable], bits[usable], area[usable]
-        if len(score) == 0:
+    def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
+        """(n,) polygons in image px -> (n, 256, 256) pixels of a decoded mask that they cover."""
+        covered = np.zeros((len(shapes), LOW, LOW), np.uint8)
+        for k in np.flatnonzero(~shapely.is_empty(shapes)):
+            for part in shapely.get_parts(shapes[k]):
+                for ring, value in ((part.exterior, 1), *((hole, 0) for hole in part.interiors)):
+                    corners = np.round((shapely.get_coordinates(ring) * self.low - 0.5) * 16)
+                    cv2.fillPoly(covered[k], [np.clip(corners, -(2**24), 2**24).astype(np.int32)], value, shift=4)
+        covered[:, self.size[0] :] = covered[:, :, self.size[1] :] = 0
+        return covered.astype(bool)
+
+    def masks(self, answers: Answers) -> list[Mask]:
+        """Each answer at the image's resolution."""
+        if len(answers) == 0:
             return []
-        box = masks.boxes(bits)
-        keep = masks.suppress(masks.pack(bits), box, area, score, self.config.nms_iou)
-        found_masks = (upsample(logits[k], box[k], image, scale, float(min(score[k], 1.0))) for k in keep)
-        return [mask for mask in found_masks if mask.area >= self.config.min_area]
+        each = zip(answers.logits, masks.boxes(answers.bits), answers.score, strict=True)
+        return [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
 
 
 def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:

@@ -24,20 +24,27 @@ def vectorize(masks: Sequence[Mask], config: VectorizeConfig, min_area: float, s
     break a polygon, change its area by more than a fifth (a line one pixel wide) or bring it under `min_area`, the
     exact outline stays.
     """
-    sources, shapes, corners = [], [], []
-    for mask in masks:
+    return with_parents(outlines(masks, config, min_area, size)[0])
+
+
+def outlines(
+    masks: Sequence[Mask], config: VectorizeConfig, min_area: float, size: tuple[int, int]
+) -> tuple[list[Polygon], NDArray[np.int64]]:
+    """The polygons of `vectorize`, without parents, and (n,) the row of the mask that each stands for."""
+    rows, shapes, corners = [], [], []
+    for row, mask in enumerate(masks):
         parts = pieces(_cut(mask, size))
         shape = _without_small_holes(_outline(parts[0].bits), min_area) if parts else shapely.Polygon()
         if shape.area >= max(min_area, 1.0):
-            sources.append(mask)
+            rows.append(row)
             shapes.append(shape)
             corners.append((parts[0].x0, parts[0].y0))
     simple = _simplify(shapes, config.tolerance, min_area)
-    polygons = [
-        from_shape(shapely.transform(shape, lambda xy, corner=corner: xy + corner), k, mask.score, mask.label)
-        for k, (shape, corner, mask) in enumerate(zip(simple, corners, sources, strict=True))
-    ]
-    return with_parents(polygons)
+    moved = zip(simple, corners, strict=True)
+    placed = [shapely.transform(shape, lambda xy, corner=corner: xy + corner) for shape, corner in moved]
+    sources = [masks[row] for row in rows]
+    polygons = [from_shape(s, k, m.score, m.label) for k, (s, m) in enumerate(zip(placed, sources, strict=True))]
+    return polygons, np.array(rows, np.int64)
 
 
 def trace(bits: NDArray[np.bool_], x0: int = 0, y0: int = 0) -> list[shapely.Polygon]:

@@ -14,6 +14,7 @@ from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.local_match import assignment, rectify, shape, texture
 from zpm2.local_match.confidence import UNSUPPORTED, confidence
+from zpm2.local_match.guidance import Guidance
 from zpm2.local_match.support import Support, lookup, support
 from zpm2.model import Image, PolygonArrays, PolygonMatch, Stage
 
@@ -27,6 +28,7 @@ class Evidence:
 
     pairs: Candidates
     dsf: NDArray[np.int64]  # (c,) homologous points inside both
+    agreement: Array  # (c,) 0..1, share of the points inside either that are inside both
     rectified: NDArray[np.object_]  # (c,) left polygon as the right image should show it
     overlap: Array  # (c,) 0..1, IoU of the rectified polygon with the right one
     area: Array  # (c,) 0..1, ratio of their areas
@@ -45,8 +47,10 @@ class _Evaluator:
         initial: InitialGeometry,
         placement: Placement,
         config: LocalConfig,
+        guidance: Guidance | None,
     ) -> None:
         self.left, self.right = polygons
+        self.guidance = guidance
         self.initial, self.placement, self.config = initial, placement, config
         self.support: Support = support(initial.points, self.left, self.right)
         each = np.arange(len(self.left))
@@ -66,13 +70,27 @@ class _Evaluator:
         dsf = np.where(at >= 0, self.support.counts[np.maximum(at, 0)] if len(self.support.pairs) else 0, 0)
         rectified = rectify.rectified_shapes(self.left, pairs.left, self._maps(pairs, at, dsf, placement))
         overlap = rectify.overlaps(rectified, self.right.shapes[pairs.right])
-        near = np.flatnonzero(overlap >= config.min_overlap)
-        pairs, dsf, rectified, overlap = pairs[near], dsf[near], rectified[near], overlap[near]
+        agreement = self._agreement(pairs, dsf)
+        near = overlap >= config.min_overlap
+        if self.guidance is not None:  # a second hypothesis, of which the better one counts
+            carried = self.guidance.carried.shapes[pairs.left]
+            other = rectify.overlaps(carried, self.right.shapes[pairs.right])
+            rectified, overlap = np.where(other > overlap, carried, rectified), np.maximum(overlap, other)
+            near = self.guidance.believes(pairs, overlap, agreement) & (overlap >= config.min_overlap)
+        rows = np.flatnonzero(near)
+        pairs, dsf, agreement = pairs[rows], dsf[rows], agreement[rows]
+        rectified, overlap = rectified[rows], overlap[rows]
         area = shape.area_ratio(shapely.area(rectified), self.right.areas[pairs.right])
         psi = overlap if config.shape == "overlap" else area * self._graph(rectified, pairs)[0]
         r = texture.correlation(self.left_patches, pairs.left, self.right_patches, pairs.right)
         cost = assignment.matching_cost(psi, dsf, r, config.gamma, config.epsilon, config.few_points)
-        return Evidence(pairs, dsf, rectified, overlap, area, psi, r, cost)
+        return Evidence(pairs, dsf, agreement, rectified, overlap, area, psi, r, cost)
+
+    def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
+        """(c,) 0..1, share of the homologous points inside either polygon that are inside both, with one point for and
+        one against it before the first is seen."""
+        either = self.support.inside[0][pairs.left] + self.support.inside[1][pairs.right] - dsf
+        return (dsf + 1) / (either + 2)
 
     def _maps(self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], placement: Placement) -> Array:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
@@ -114,16 +132,21 @@ def match_polygons(
     placement: Placement,
     candidates: Candidates,
     config: LocalConfig,
+    guidance: Guidance | None = None,
 ) -> list[PolygonMatch]:
     """One-to-one matches between the left and right polygons, in ascending order of left id.
 
     First the candidates of the pyramid (`stage` "global"), assigned together. Then the polygons that stayed unmatched
     are tried with pairs that the pyramid did not propose: those that share homologous points, and those to which the
-    motion of matched neighbours leads ("local", 3.4: re-matching of what the global stage could not resolve).
+    motion of matched neighbours leads ("local", 3.4: re-matching of what the global stage could not resolve). With
+    `guidance` the right polygons that the carried left ones meet are candidates of the first round too, and a match of
+    which one polygon was found by asking about the other image is "guided".
     """
     if len(polygons[0]) == 0 or len(polygons[1]) == 0:
         return []
-    evaluator = _Evaluator(images, polygons, initial, placement, config)
+    if guidance is not None:
+        candidates = guidance.candidates(candidates, polygons[1])
+    evaluator = _Evaluator(images, polygons, initial, placement, config, guidance)
     first = evaluator.evaluate(candidates, placement)
     chosen = _assign(first, config)
     matches = _as_matches(evaluator, first, chosen, "global")
@@ -174,6 +197,8 @@ def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int6
     if not evaluator.initial.supported:
         sure *= UNSUPPORTED
     nodes = evaluator.nodes(evidence, rows)
+    guidance = evaluator.guidance
+    guided = np.zeros(len(rows), bool) if guidance is None else guidance.found(evidence.pairs[rows])
     return [
         PolygonMatch(
             left=int(evaluator.left.ids[i[k]]),
@@ -181,7 +206,7 @@ def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int6
             confidence=float(sure[k]),
             cost=float(evidence.cost[row]),
             dsf=int(evidence.dsf[row]),
-            stage=stage,
+            stage="guided" if guided[k] else stage,
             overlap=float(evidence.overlap[row]),
             nodes=nodes[k],
         )

@@ -17,6 +17,7 @@ class Support:
     pairs: Candidates  # every pair that shares a point, p of them
     start: NDArray[np.int64]  # (p + 1,)
     point: NDArray[np.int64]  # rows of the point matches
+    inside: tuple[NDArray[np.int64], NDArray[np.int64]]  # (m,), (n,) points in each left and each right polygon
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -42,7 +43,8 @@ def support(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> 
     new = np.ones(len(i), bool)
     new[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
     start = np.flatnonzero(new)
-    return Support(Candidates(i[start], j[start]), np.append(start, len(i)), point)
+    inside = np.bincount(poly_l, minlength=len(left)), np.bincount(poly_r, minlength=len(right))
+    return Support(Candidates(i[start], j[start]), np.append(start, len(i)), point, inside)
 
 
 def lookup(values: NDArray[np.int64], known: Candidates, asked: Candidates) -> NDArray[np.int64]:

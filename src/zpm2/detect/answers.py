@@ -1,0 +1,79 @@
+"""What a promptable segmenter is asked and what it answers, at the resolution at which it decodes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LOW = 256  # px, side of a decoded mask
+
+INSIDE, CORNER, OTHER_CORNER = 1, 2, 3  # labels of a prompt's points
+
+
+@dataclass(frozen=True, eq=False)
+class Prompts:
+    """Questions of one form: every prompt has the same number of points, with the same labels."""
+
+    points: NDArray[np.float64]  # (n, P, 2) image px
+    labels: NDArray[np.int64]  # (P,) INSIDE for a point of the region, CORNER and OTHER_CORNER for its box
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: NDArray[np.intp] | slice) -> "Prompts":
+        return Prompts(self.points[rows], self.labels)
+
+    @staticmethod
+    def at(points: NDArray[np.float64]) -> "Prompts":
+        """One point (n, 2) each."""
+        return Prompts(points[:, None], np.array([INSIDE]))
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Answers below are not given: their masks are not decoded, or not kept."""
+
+    predicted_iou: float  # 0..1, the model's own estimate of a mask's quality
+    stability: float  # 0..1, IoU of the mask cut at +offset and at -offset
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Masks of one view, several per prompt or none."""
+
+    prompt: NDArray[np.int64]  # (n,) row of the prompt that was asked
+    score: NDArray[np.float32]  # (n,) predicted IoU
+    stability: NDArray[np.float32]  # (n,)
+    logits: NDArray[np.float16]  # (n, LOW, LOW), inside where > 0
+
+    def __len__(self) -> int:
+        return len(self.prompt)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Answers":
+        return Answers(self.prompt[rows], self.score[rows], self.stability[rows], self.logits[rows])
+
+    def reach(self, floor: Floor) -> NDArray[np.bool_]:
+        """(n,) which of them reach a floor."""
+        return np.asarray((self.score >= floor.predicted_iou) & (self.stability >= floor.stability))
+
+    @property
+    def bits(self) -> NDArray[np.bool_]:
+        """(n, LOW, LOW)"""
+        return np.asarray(self.logits > 0)
+
+    @staticmethod
+    def none() -> "Answers":
+        nothing = np.zeros(0, np.float32)
+        return Answers(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, LOW, LOW), np.float16))
+
+    @staticmethod
+    def join(parts: "list[Answers]") -> "Answers":
+        """One after the other, each with its own numbering of prompts."""
+        if not parts:
+            return Answers.none()
+        return Answers(
+            np.concatenate([p.prompt for p in parts]),
+            np.concatenate([p.score for p in parts]),
+            np.concatenate([p.stability for p in parts]),
+            np.concatenate([p.logits for p in parts]),
+        )
