@@ -15,7 +15,7 @@ from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.pipeline import PolygonMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
-STAGES = ["read", "load", "detect", "points", "global", "local"]
+STAGES = ["read", "load", "points", "detect", "global", "local"]
 
 
 def read(folder: Path) -> Any:

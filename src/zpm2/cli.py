@@ -86,6 +86,9 @@ def match_command(
     segmenter: Annotated[
         str | None, typer.Option(help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).")
     ] = None,
+    quality: Annotated[
+        str | None, typer.Option(help="fast, balanced or full: how many of the prompts are asked.  [default: preset's]")
+    ] = None,
     left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.")] = None,
     right_regions: Annotated[Path | None, typer.Option(help="The same, right.")] = None,
     method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
@@ -106,7 +109,13 @@ def match_command(
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
     model = None if segmenter == "precomputed" else segmenter
-    options = {"segment.model": model, "points.methods": points, "device": device, "seed": seed}
+    options = {
+        "segment.model": model,
+        "segment.quality": quality,
+        "points.methods": points,
+        "device": device,
+        "seed": seed,
+    }
     config = _config(preset, config_file, settings, options)
     own = _own_regions(segmenter, left_regions, right_regions, config)
     _use_weights(weights_dir)
@@ -136,17 +145,14 @@ def demo(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Render a stereo pair, match it with the real models, and score the matches against the exact truth.
-
-    Asks the segmenter at 24 x 24 points, to be done within a minute; --set segment.grid=32 for as many as usual.
-    """
+    """Render a stereo pair, match it with the real models, and score the matches against the exact truth."""
     from PIL import Image
 
     from zpm2.demo import render_scene, score
     from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
-    config = _config(preset, None, ["segment.grid=24", *(settings or [])], {"device": device, "seed": seed})
+    config = _config(preset, None, settings, {"device": device, "seed": seed})
     _use_weights(weights_dir)
     folder = output_folder(out)
     with _progress(quiet or as_json) as (progress, say):

@@ -6,12 +6,19 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from zpm2.errors import ConfigError, InputError
 from zpm2.methods import check_method, open_method
+
+if TYPE_CHECKING:
+    from zpm2.config import Config
+    from zpm2.evaluate.kept import KeptRegions
+    from zpm2.evaluate.pairs import EvalPair
+    from zpm2.evaluate.predictions import Matcher
+    from zpm2.result import MatchResult
 
 
 def evaluate(
@@ -28,6 +35,9 @@ def evaluate(
         list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")
     ] = None,
     method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
+    regions: Annotated[
+        Path | None, typer.Option(help="Take the polygons of the predictions in this folder instead of detecting them.")
+    ] = None,
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
@@ -40,6 +50,7 @@ def evaluate(
     from zpm2 import config as configuration
     from zpm2.evaluate import predictions, report
     from zpm2.evaluate.datasets import open_dataset
+    from zpm2.evaluate.kept import KeptRegions
 
     check_method(method)
     config = configuration.assign(configuration.preset(preset), settings or [])
@@ -50,8 +61,10 @@ def evaluate(
     if score_only and not (out / "run.json").exists():
         raise InputError(f"{out} holds no predictions: run the same command without --score-only first")
     if not score_only:
-        predictions.Run(dataset, split, method, config.to_dict()).claim(out)
-        predictions.predict(pairs, lambda: open_method(method, config), out, lambda text: tell("matched", text))
+        kept = KeptRegions(regions) if regions else None
+        source = str(regions.resolve()) if regions else None
+        predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
+        predictions.predict(pairs, lambda: _matcher(method, config, kept), out, lambda text: tell("matched", text))
     tell = _teller(len(pairs), quiet)
     rows = report.collect(pairs, out, lambda text: tell("scored", text))
     made_by = shlex.join(["zpm2", *sys.argv[1:]])
@@ -63,6 +76,18 @@ def evaluate(
         total = {name: value for name, value in report.summary(rows).items() if value is not None}
         print(json.dumps(total, indent=1))
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
+
+
+def _matcher(method: str, config: "Config", kept: "KeptRegions | None") -> "Matcher":
+    """The method as a function of a pair of a data set."""
+    match = open_method(method, config, segmenter=kept.sides if kept else None)
+
+    def of(pair: "EvalPair") -> "MatchResult":
+        if kept:
+            kept.turn_to(pair)
+        return match(pair.left, pair.right)
+
+    return of
 
 
 def _options(texts: list[str]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import InputError
 from zpm2.evaluate import predictions, report
 from zpm2.evaluate.datasets import open_dataset
+from zpm2.evaluate.pairs import EvalPair
 from zpm2.result import MatchResult
 
 SIFT = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
@@ -51,11 +52,11 @@ class Counting:
         self.loads += 1
         return self
 
-    def __call__(self, left: Path, right: Path) -> MatchResult:
+    def __call__(self, asked: EvalPair) -> MatchResult:
         self.calls += 1
         if self.calls == self.interrupt_at:
             raise KeyboardInterrupt
-        return self.matcher(left, right)
+        return self.matcher(asked.left, asked.right)
 
 
 def test_rows_of_all_kinds_of_pairs(root: Path, pair: Pair, tmp_path: Path) -> None:
@@ -141,6 +142,27 @@ def test_the_command(run: Run, root: Path, tmp_path: Path) -> None:
     code, _, err = run(*words, "--preset", "paper")
     assert (code, err.count("\n")) == (2, 1)
     assert "another config" in err
+
+
+def test_regions_of_another_evaluation(run: Run, root: Path, pair: Pair, tmp_path: Path) -> None:
+    pairs, first, second = list(open_dataset("pairs", root).pairs())[:2], tmp_path / "first", tmp_path / "second"
+    predictions.Run("pairs", None, "zpm2", SIFT.to_dict()).claim(first)
+    predictions.predict(pairs[:1], Counting(pair).load, first, lambda _: None)
+    words = ["eval", "pairs", "--root", root, "-o", second, "--limit", 2, "--method", "shape-context"]
+    code, text, err = run(*words, "--regions", first)
+    assert code == 0, err
+    assert f"warning: b: no regions of b in {first}" in err
+    assert json.loads(text[: text.rindex("}") + 1])["done"] == 1
+    before, after = (MatchResult.load(predictions.folder_of(pairs[0], out)) for out in (first, second))
+    for mine, theirs in ((before.left, after.left), (before.right, after.right)):
+        assert [p.id for p in mine.polygons] == [p.id for p in theirs.polygons]
+        assert all((p.exterior == q.exterior).all() for p, q in zip(mine.polygons, theirs.polygons, strict=True))
+    assert any("not detected" in warning for warning in after.warnings)
+    code, _, err = run(*words)
+    assert "another regions" in err
+    code, _, err = run(*words, "--regions", tmp_path / "nothing")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "holds no predictions to take regions from" in err
 
 
 @pytest.mark.parametrize(

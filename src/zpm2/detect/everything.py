@@ -1,10 +1,11 @@
 """Segment everything: which prompts to ask, and which of the answers are regions of their own.
 
 With every point of the grid asked, this is SAM's automatic mask generator (Kirillov et al. 2023, Appendix B, "Automatic
-Mask Generation") on one view of the image. The faster levels of quality ask the same points in an order in which any
-first part of them is spread over the image, and leave out those that lie well inside the finest mask of a prompt asked
-before: there, the answer would be that prompt's. Whole, part and subpart all come with every prompt; what lies in the
-holes of a fine mask, beside it, or along its border is still asked about.
+Mask Generation") on one view of the image. The faster levels of quality ask first where something new may lie: outside
+of the finest mask of every prompt asked before, then close to the border of one, and so on inwards; well inside, the
+answer would be that prompt's. Points of equal depth are asked in an order of which any first part is spread over the
+image. Whole, part and subpart all come with every prompt; what lies in the holes of a fine mask or beside it is outside
+of it. A level of quality is how deep it goes, and how many points it asks at least.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,8 @@ from zpm2.detect import masks
 from zpm2.detect.answers import LOW, Answers, Floor, Prompts
 from zpm2.detect.protocol import PromptedView
 
-MARGIN = {"fast": 0, "balanced": 1}  # px of a decoded mask: closer to a fine mask's border, points are still asked
+DEPTH = {"fast": 0.0, "balanced": 1.0}  # px of a decoded mask: points deeper inside a fine mask are not asked,
+LEAST = {"fast": 1 / 6, "balanced": 1 / 3}  # but for this share of the grid, least deep first
 
 
 def everything(
@@ -41,17 +43,22 @@ def everything(
             found.append(view.ask(Prompts.at(points[start : start + view.batch] / view.low), floor))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        margin = MARGIN[config.quality]
-        free = np.ones((LOW, LOW), bool)
-        _answered(free, known, margin)
+        deepest, least = DEPTH[config.quality], round(LEAST[config.quality] * len(points)) - len(known)
+        depth = _depth(np.zeros((LOW, LOW), np.float32), known.bits)
         column, row = np.minimum(points.astype(int), LOW - 1).T
-        waiting = np.arange(len(points))
-        while len(waiting := waiting[free[row[waiting], column[waiting]]]):
-            asked, waiting = waiting[: view.batch], waiting[view.batch :]
+        waiting, count = np.arange(len(points)), 0
+        while len(waiting):
+            deep = np.floor(depth[row[waiting], column[waiting]])
+            order = np.argsort(deep, kind="stable")[: view.batch]
+            order = order[(deep[order] <= deepest) | (count + np.arange(len(order)) < least)]
+            if len(order) == 0:
+                break
+            asked, waiting, count = waiting[order], np.delete(waiting, order), count + len(order)
             answers = view.ask(Prompts.at(points[asked] / view.low), floor)
-            _answered(free, _finest_around(answers, row[asked], column[asked]), margin)
+            depth = _depth(depth, _finest_around(answers, row[asked], column[asked]).bits)
             found.append(answers)
             progress(1.0 - len(waiting) / len(points))
+        progress(1.0)
     new = Answers.join(found)
     rank = np.append(2.0 + np.arange(len(known), 0.0, -1.0), new.score.astype(np.float64))
     return distinct(Answers.join([known, new]), rank, config, view)
@@ -84,11 +91,12 @@ def distinct(answers: Answers, rank: NDArray[np.floating], config: SegmentConfig
     return answers[masks.suppress(masks.pack(bits), masks.boxes(bits), area, rank[usable], config.nms_iou)]
 
 
-def _answered(free: NDArray[np.bool_], fine: Answers, margin: int) -> None:
-    """Takes what lies more than `margin` px inside one of the masks out of `free`."""
-    kernel = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
-    for bits in fine.bits:
-        free &= cv2.erode(bits.view(np.uint8), kernel) == 0
+def _depth(depth: NDArray[np.float32], fine: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(256, 256) px, how deep each pixel lies inside any of the masks: `depth` and the `fine` ones (n, 256, 256)."""
+    for bits in fine:
+        inside = cv2.distanceTransform(np.pad(bits, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        depth = np.maximum(depth, inside[1:-1, 1:-1])
+    return depth
 
 
 def _finest_around(answers: Answers, row: NDArray[np.int64], column: NDArray[np.int64]) -> Answers:

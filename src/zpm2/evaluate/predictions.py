@@ -14,7 +14,7 @@ from zpm2.evaluate.pairs import EvalPair
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.result import MatchResult
 
-Matcher = Callable[[Path, Path], MatchResult]
+Matcher = Callable[[EvalPair], MatchResult]
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class Run:
     split: str | None
     method: str
     config: dict[str, Any]
+    regions: str | None = None  # the folder of the evaluation whose polygons it took
     version: str = __version__
 
     def claim(self, out: Path) -> None:
@@ -58,7 +59,7 @@ def predict(pairs: Iterable[EvalPair], matcher: Callable[[], Matcher], out: Path
             continue
         match = match or matcher()
         try:
-            match(pair.left, pair.right).save(folder)
+            match(pair).save(folder)
         except InputError as error:
             atomic_write(output_folder(folder) / "failed.json", json.dumps({"reason": str(error)}))
             tell(f"{pair.name}: {error}")

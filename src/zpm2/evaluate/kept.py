@@ -1,0 +1,58 @@
+"""Regions of an evaluation that is there already, so that methods and settings are compared on the same polygons."""
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+from zpm2.detect.vectorize import rasterize
+from zpm2.errors import InputError
+from zpm2.evaluate import predictions
+from zpm2.evaluate.pairs import EvalPair
+from zpm2.model import Image, Mask, Polygon
+from zpm2.result import MatchResult
+
+
+class KeptRegions:
+    """The polygons of the predictions in `out`, the folder of an evaluation of the same data set.
+
+    `sides` are the left and the right segmenter; `turn_to` says which pair they are asked about next.
+    """
+
+    def __init__(self, out: Path) -> None:
+        if not (out / "run.json").exists():
+            raise InputError(f"{out} holds no predictions to take regions from: give the folder of a zpm2 eval")
+        self.out = out
+        self.result: MatchResult | None = None
+        self.sides = KeptSide(self, "left"), KeptSide(self, "right")
+
+    def turn_to(self, pair: EvalPair) -> None:
+        """`InputError` where the pair has no prediction there."""
+        result = predictions.load(pair, self.out)
+        if not isinstance(result, MatchResult):
+            raise InputError(f"no regions of {pair.name} in {self.out}" + (f": {result}" if result else ""))
+        self.result = result
+
+
+class KeptSide:
+    """One side of `KeptRegions`, as a segmenter that gives polygons."""
+
+    name = "kept"
+
+    def __init__(self, kept: KeptRegions, side: Literal["left", "right"]) -> None:
+        self.kept, self.side = kept, side
+        self.notes = [f"taken from {kept.out}, not detected"]
+
+    def polygons(self, image: Image) -> list[Polygon]:
+        """`InputError` if the photograph had another size when its regions were found."""
+        side = getattr(self.kept.result, self.side)
+        if (side.width, side.height) != (image.width, image.height):
+            raise InputError(
+                f"the regions in {self.kept.out} are of {side.width} x {side.height} px, {image.path} has "
+                f"{image.width} x {image.height} px"
+            )
+        return list(side.polygons)
+
+    def segment(self, image: Image) -> list[Mask]:
+        """The same as pixels."""
+        polygons = self.polygons(image)
+        return [dataclasses.replace(rasterize(p.shape), score=p.score, label=p.label) for p in polygons]
