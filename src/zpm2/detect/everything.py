@@ -4,8 +4,8 @@ With every point of the grid asked, this is SAM's automatic mask generator (Kiri
 Mask Generation") on one view of the image. The faster levels of quality ask first where something new may lie: outside
 of the finest mask of every prompt asked before, then close to the border of one, and so on inwards; well inside, the
 answer would be that prompt's. Points of equal depth are asked in an order of which any first part is spread over the
-image. Whole, part and subpart all come with every prompt; what lies in the holes of a fine mask or beside it is outside
-of it. A level of quality is how deep it goes, and how many points it asks at least.
+image. Whole, part and subpart come with every prompt; what lies in the holes of a fine mask or beside it is outside of
+it, what lies inside it may be missed. A level of quality is how deep it goes, and how many points it asks at least.
 """
 
 from collections.abc import Callable

@@ -15,7 +15,7 @@ from zpm2.model import PointMatches, PolygonArrays
 
 Array = NDArray[np.float64]
 SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
-STEPS = 6  # of reweighting
+STEPS = 7  # of reweighting
 PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
 
 
@@ -38,9 +38,10 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
 
     `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
     `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
-    Linear least squares in normalised coordinates, reweighted by Cauchy weights: the median residual first, SIGMA px in
-    the end. Each matrix is scaled so that a group's own mean has depth 1: the sign of matrix[2, 2], the depth of the
-    image's corner, says nothing about a small polygon far from it.
+    Linear least squares in normalised coordinates with Cauchy weights: first by the distance to the prior, then to the
+    last solution; their scale is the median residual first, SIGMA px in the end. Each matrix is scaled so that a
+    group's own mean has depth 1: the sign of matrix[2, 2], the depth of the image's corner, says nothing about a small
+    polygon far from it.
     """
     g = len(prior)
     first = np.searchsorted(group, np.arange(g))
@@ -54,19 +55,19 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
     zero, one = np.zeros(len(x)), np.ones(len(x))
     rows_u = np.stack([x[:, 0], x[:, 1], one, zero, zero, zero, -u[:, 0] * x[:, 0], -u[:, 0] * x[:, 1]], axis=1)
     rows_v = np.stack([zero, zero, zero, x[:, 0], x[:, 1], one, -u[:, 1] * x[:, 0], -u[:, 1] * x[:, 1]], axis=1)
-    weight = one
+    matrices = np.concatenate([start, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
     for step in range(STEPS):
+        mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
+        depth = np.maximum(mapped[:, 2], 1e-3)
+        residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
+        sigma = SIGMA if step >= 3 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
+        weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
         square = weight[:, None, None] * (rows_u[:, :, None] * rows_u[:, None] + rows_v[:, :, None] * rows_v[:, None])
         right_side = weight[:, None] * (rows_u * u[:, :1] + rows_v * u[:, 1:])
         normal = np.add.reduceat(square, first, axis=0) + np.diag(pull + 1e-9)
         target = np.add.reduceat(right_side, first, axis=0) + (pull + 1e-9) * start
         solution = np.linalg.solve(normal, target[:, :, None])[:, :, 0]
         matrices = np.concatenate([solution, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
-        mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
-        depth = np.maximum(mapped[:, 2], 1e-3)
-        residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
-        sigma = SIGMA if step >= 2 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
-        weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
     return np.asarray(from_right @ matrices @ to_left)
 
 

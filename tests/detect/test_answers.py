@@ -1,0 +1,33 @@
+import numpy as np
+
+from zpm2.detect.answers import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+
+
+def some(prompt, score, stability):
+    logits = np.zeros((len(prompt), LOW, LOW), np.float16)
+    logits[:, 0, 0] = np.arange(len(prompt)) - 0.5
+    return Answers(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
+
+
+def test_prompts():
+    points = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    prompts = Prompts.at(points)
+    assert len(prompts) == 3
+    assert prompts.points.shape == (3, 1, 2)
+    assert list(prompts.labels) == [INSIDE]
+    assert (prompts[1:].points[:, 0] == points[1:]).all()
+    boxed = Prompts(np.zeros((2, 3, 2)), np.array([INSIDE, CORNER, OTHER_CORNER]))
+    assert (boxed[:1].labels == boxed.labels).all()
+
+
+def test_answers():
+    answers = some([0, 0, 2], [0.9, 0.6, 0.8], [0.99, 0.99, 0.5])
+    assert list(answers.reach(Floor(0.7, 0.9))) == [True, False, False]
+    assert list(answers.reach(Floor(0.6, 0.5))) == [True, True, True]
+    assert list(answers.bits[:, 0, 0]) == [False, True, True]
+    assert list(answers[answers.score > 0.7].prompt) == [0, 2]
+    joined = Answers.join([answers, Answers.none(), answers[np.array([2])]])
+    assert list(joined.prompt) == [0, 0, 2, 2]
+    assert np.array_equal(joined.logits[2], joined.logits[3])
+    assert len(Answers.join([])) == len(Answers.none()) == 0
+    assert Answers.none().bits.shape == (0, LOW, LOW)

@@ -1,0 +1,100 @@
+"""A segmenter that can be asked and whose regions are known: shapes painted on a photograph."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.detect.answers import CORNER, LOW, Answers, Floor, Prompts
+from zpm2.detect.sam import SamView, upsample
+from zpm2.model import Image, Mask
+
+
+@dataclass(frozen=True)
+class Region:
+    """`score` and `stability` are what the segmenter says of it; a `shy` one answers only to a box around it."""
+
+    shape: shapely.Polygon  # image px
+    score: float = 0.95
+    stability: float = 0.97
+    shy: bool = False
+
+
+@dataclass
+class PaintedView:
+    """Answers with the (up to three) smallest regions around the point; a box must fit by half."""
+
+    image: Image
+    regions: list[Region]
+    batch: int = 16
+    asked: list[tuple[float, float]] = field(default_factory=list)  # every point ever asked, image px
+
+    def __post_init__(self) -> None:
+        self.scale = 1024 / max(self.image.width, self.image.height)
+        self.low = self.scale / 4
+        height, width = np.ceil(np.array([self.image.height, self.image.width]) * self.low)
+        self.size = int(height), int(width)
+        self.bits = self.cover(np.array([region.shape for region in self.regions], object))
+
+    cover = SamView.cover
+
+    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
+        found = []
+        for k, points in enumerate(prompts.points):
+            self.asked.append(tuple(points[0]))
+            x, y = np.minimum((points[0] * self.low).astype(int), [self.size[1] - 1, self.size[0] - 1])
+            box = shapely.box(*points[prompts.labels >= CORNER].ravel()) if len(points) > 1 else None
+            around = [n for n in range(len(self.regions)) if self.bits[n, y, x] and self._answers(n, box)]
+            for n in sorted(around, key=lambda n: self.bits[n].sum())[:3]:
+                region = self.regions[n]
+                if region.score >= floor.predicted_iou and region.stability >= floor.stability:
+                    found.append((k, region.score, region.stability, self.bits[n]))
+        if not found:
+            return Answers.none()
+        prompt, score, stability, bits = zip(*found, strict=True)
+        logits = np.where(np.stack(bits), 8, -8).astype(np.float16)
+        return Answers(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
+
+    def _answers(self, n: int, box: shapely.Polygon | None) -> bool:
+        if box is None:
+            return not self.regions[n].shy
+        own = shapely.box(*self.regions[n].shape.bounds)
+        return bool(own.intersection(box).area >= 0.5 * own.union(box).area)
+
+    def masks(self, answers: Answers) -> list[Mask]:
+        found = []
+        for logits, score in zip(answers.logits, answers.score, strict=True):
+            rows, columns = np.flatnonzero((logits > 0).any(1)), np.flatnonzero((logits > 0).any(0))
+            box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
+            found.append(upsample(logits, box, self.image, self.scale, float(score)))
+        return found
+
+
+@dataclass
+class PaintedSegmenter:
+    """`PromptedSegmenter` of several photographs, told apart by their pixels."""
+
+    views: list[PaintedView]
+    name: str = "painted"
+
+    def view(self, image: Image) -> PaintedView:
+        return next(view for view in self.views if np.array_equal(view.image.rgb, image.rgb))
+
+    def segment(self, image: Image) -> list[Mask]:
+        view = self.view(image)
+        return [Mask(0, 0, bits_of(r.shape, image), r.score) for r in view.regions if not r.shy]
+
+
+def bits_of(shape: shapely.Polygon, image: Image) -> NDArray[np.bool_]:
+    """(height, width)"""
+    bits = np.zeros((image.height, image.width), np.uint8)
+    cv2.fillPoly(bits, [np.round((shapely.get_coordinates(shape.exterior) - 0.5) * 16).astype(np.int32)], 1, shift=4)
+    return bits.astype(bool)
+
+
+def blank(width: int = LOW, height: int = LOW, seed: int = 0) -> Image:
+    """A photograph of noise."""
+    noise = np.random.default_rng(seed).integers(0, 255, (height, width, 3), dtype=np.uint8)
+    return Image(np.ascontiguousarray(noise))
