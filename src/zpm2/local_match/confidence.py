@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # Logistic weights of: intercept, overlap of the rectified shapes, log(1 + DSF), texture correlation, area ratio.
-WEIGHTS = np.array([-2.6, 2.2, 0.63, 2.0, 1.75])
+WEIGHTS = np.array([-3.4, 3.4, 0.46, 3.0, 1.8])
 UNSUPPORTED = 0.5  # factor where the two photographs may not show the same scene
 
 
