@@ -2,13 +2,17 @@
 
     python benchmarks/guided_ablation.py --root DATA --scorer score_pair.py --pairs NAME ... [--torch NAME]
 
-Every variant is run on every pair, one after the other in one process, so that their seconds compare. `--torch` adds, on
-that one pair, the same pipeline with the torch networks and the plain grid on both images. Data and scorer as for
-match_pairs.py. Prints the table to stderr and one JSON document (schema zpm2-bench-guided/1) to stdout.
+Every variant is run on every pair, one after the other in one process, so that their seconds compare. What guidance in
+one direction gives is what a run in both directions has when it turns round: taken, with its seconds and prompts, from
+there. `--torch` adds, on that one pair, the same pipeline with the torch networks and the plain grid on both images.
+Data and scorer as for match_pairs.py. Prints the table to stderr and one JSON document (schema zpm2-bench-guided/1) to
+stdout.
 """
 
 import argparse
+import dataclasses
 import json
+import resource
 import sys
 import tempfile
 import time
@@ -19,33 +23,41 @@ from match_pairs import environment, score, totals
 
 from zpm2 import PolygonMatcher, config
 from zpm2.detect.sam import SamSegmenter
+from zpm2.result import MatchResult
 
-VARIANTS = [(quality, direction) for quality in ("full", "fast") for direction in ("off", "forward", "both")]
 
-
-class Counted:
-    """A matcher that counts the prompts of its segmenter."""
+class Measured:
+    """A matcher of which prompts and seconds are counted, models loaded."""
 
     def __init__(self, settings: list[str]) -> None:
         chosen = config.assign(config.preset("default"), settings)
         self.segmenter = SamSegmenter(chosen.segment)
         self.matcher = PolygonMatcher(chosen, segmenter=self.segmenter)
-        self.prompts = 0
-        backend = self.segmenter.load()
-        asked = backend.prompt
+        self.matcher._load_points()
+        self.prompts, self.forward = 0, None
+        backend, regions = self.segmenter.load(), self.matcher._regions
+        asked, turned_round = backend.prompt, regions.redetect
 
         def prompt(parts: Any, sparse: Any) -> Any:
             self.prompts += len(sparse)
             return asked(parts, sparse)
 
-        backend.prompt = prompt  # type: ignore[method-assign]
+        def redetect(found: Any, matches: Any, initial: Any) -> Any:
+            self.forward = (found.sides(matches), time.perf_counter() - self.start, self.prompts)
+            return turned_round(found, matches, initial)
 
-    def __call__(self, left: Path, right: Path) -> tuple[Any, float, int]:
-        """The result, its seconds with the models loaded, and its prompts."""
-        self.matcher._load_points()
-        before, start = self.prompts, time.perf_counter()
+        backend.prompt, regions.redetect = prompt, redetect
+
+    def __call__(self, left: Path, right: Path) -> list[tuple[str, MatchResult, float, int]]:
+        """Results with their seconds and prompts: of the whole run, and before it turned round, if it did."""
+        self.prompts, self.forward, self.start = 0, None, time.perf_counter()
         result = self.matcher(left, right)
-        return result, time.perf_counter() - start, self.prompts - before
+        found = [(self.matcher.config.guided.direction, result, time.perf_counter() - self.start, self.prompts)]
+        if self.forward:
+            (sides, matches), seconds, prompts = self.forward
+            before = dataclasses.replace(result, left=sides[0], right=sides[1], matches=matches)
+            found.insert(0, ("forward", before, seconds, prompts))
+        return found
 
 
 def main() -> None:
@@ -57,49 +69,45 @@ def main() -> None:
     options = parser.parse_args()
     known = {pair["name"]: pair for pair in json.loads((options.root / "pairs.json").read_text())}
     runs = [
-        (f"{quality}, {direction}", [f"segment.quality={quality}", f"guided.direction={direction}"], options.pairs)
-        for quality, direction in VARIANTS
+        (quality, ["segment.quality=" + quality, "guided.direction=" + direction], options.pairs)
+        for quality in ("fast", "full")
+        for direction in ("both", "off")
     ]
     if options.torch:
-        runs.append(
-            (
-                "torch, full, off",
-                ["segment.quality=full", "guided.direction=off", "segment.backend=torch"],
-                [options.torch],
-            )
-        )
-    rows: list[dict[str, Any]] = []
-    table = {}
+        plain = ["segment.quality=full", "guided.direction=off", "segment.backend=torch"]
+        runs.append(("torch, full", plain, [options.torch]))
+    rows: dict[str, list[dict[str, Any]]] = {}
     with tempfile.TemporaryDirectory() as temporary:
         for label, settings, names in runs:
-            counted = Counted(settings)
-            of_variant = []
+            matcher = Measured(settings)
             for name in names:
                 pair = known[name]
-                result, seconds, prompts = counted(options.root / pair["left"], options.root / pair["right"])
-                folder = result.save(Path(temporary) / label / name.replace("/", "_"))
-                row = {
-                    "variant": label,
-                    "pair": name,
-                    "prompts": prompts,
-                    "seconds": round(seconds, 2),
-                    "stages": {stage: round(value, 2) for stage, value in result.timings.items()},
-                    "score": score(options.scorer, options.root, pair, folder / "matches.json"),
-                }
-                of_variant.append(row)
-                print(json.dumps(row), file=sys.stderr, flush=True)
-            rows += of_variant
-            table[label] = {
-                **totals(of_variant),
-                "prompts a pair": round(sum(row["prompts"] for row in of_variant) / len(of_variant)),
-                "seconds a pair": round(sum(row["seconds"] for row in of_variant) / len(of_variant), 1),
-            }
-            print(label, json.dumps(table[label]), file=sys.stderr, flush=True)
-    print(
-        json.dumps(
-            {"schema": "zpm2-bench-guided/1", "environment": environment(), "table": table, "rows": rows}, indent=1
-        )
-    )
+                for direction, result, seconds, prompts in matcher(
+                    options.root / pair["left"], options.root / pair["right"]
+                ):
+                    folder = result.save(Path(temporary) / label / direction / name.replace("/", "_"))
+                    row = {
+                        "pair": name,
+                        "prompts": prompts,
+                        "seconds": round(seconds, 2),
+                        "stages": {stage: round(value, 2) for stage, value in result.timings.items()},
+                        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+                        "score": score(options.scorer, options.root, pair, folder / "matches.json"),
+                    }
+                    rows.setdefault(f"{label}, guided {direction}", []).append(row)
+                    print(label, direction, json.dumps(row), file=sys.stderr, flush=True)
+    table = {
+        variant: {
+            **totals(of),
+            "prompts a pair": round(sum(row["prompts"] for row in of) / len(of)),
+            "seconds a pair": round(sum(row["seconds"] for row in of) / len(of), 1),
+        }
+        for variant, of in rows.items()
+    }
+    for variant, line in table.items():
+        print(variant, json.dumps(line), file=sys.stderr)
+    document = {"schema": "zpm2-bench-guided/1", "environment": environment(), "table": table, "rows": rows}
+    print(json.dumps(document, indent=1))
 
 
 if __name__ == "__main__":

@@ -6,12 +6,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import PIL.Image
 import pytest
+import shapely
 from rendered import Pair, Run
 
 import zpm2
 from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.detect.vectorize import rasterize
 from zpm2.pipeline import PolygonMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
@@ -92,6 +95,50 @@ def test_own_output_serves_as_regions(run: Run, pair: Pair, saved: Path, tmp_pat
     again, before = read(tmp_path), read(saved)
     assert [p["vertices"] for p in again["left"]["polygons"]] == [p["vertices"] for p in before["left"]["polygons"]]
     assert [(m["left"], m["right"]) for m in again["matches"]] == [(m["left"], m["right"]) for m in before["matches"]]
+
+
+def test_non_overlapping_with_outlines(run: Run, pair: Pair, tmp_path: Path) -> None:
+    """The regions of the right image are also enlarged, so that there is something to take apart."""
+    with PIL.Image.open(pair.right_regions) as picture:
+        labels = np.asarray(picture)
+    regions = tmp_path / "regions.geojson"
+    features = [
+        {"type": "Feature", "id": int(k), "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for k in np.unique(labels[labels > 0])
+        for y, x in [np.nonzero(labels == k)]
+        for x0, y0, x1, y1 in [(int(x.min()), int(y.min()), int(x.max()) + 1, int(y.max()) + 1)]
+        for ring in [[[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]]
+    ]
+    regions.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    options = [*pair.regions[:4], "--right-regions", regions, *pair.regions[6:], "--quiet"]
+    common = ["match", pair.left, pair.right, "-o", tmp_path / "out", *options]
+    assert run(*common).code == 0
+    before = read(tmp_path / "out")
+    assert before["non_overlapping"] is False
+    assert not any("outline" in match for match in before["matches"])
+    assert covered(before, "right").max() > 1
+
+    assert run(*common, "--non-overlapping", "--outlines").code == 0
+    after = read(tmp_path / "out")
+    assert after["non_overlapping"] is True
+    assert {(m["left"], m["right"]) for m in after["matches"]} <= {(m["left"], m["right"]) for m in before["matches"]}
+    for side in ("left", "right"):
+        assert covered(after, side).max() == 1
+        collection = json.loads((tmp_path / "out" / f"{side}.geojson").read_text())
+        assert [f["properties"]["area"] for f in collection["features"]] == [p["area"] for p in after[side]["polygons"]]
+    assert all(len(match["outline"]) > 10 and len(match["outline"][0]) == 5 for match in after["matches"])
+
+
+def covered(document: Any, side: str) -> Any:
+    """(h, w) how many matched polygons hold each pixel."""
+    count = np.zeros((document[side]["height"], document[side]["width"]), int)
+    matched = {match[side] for match in document["matches"]}
+    for polygon in document[side]["polygons"]:
+        if polygon["id"] in matched:
+            mask = rasterize(shapely.Polygon(polygon["vertices"], polygon["holes"]))
+            height, width = mask.bits.shape
+            count[mask.y0 : mask.y0 + height, mask.x0 : mask.x0 + width] += mask.bits
+    return count
 
 
 def test_summary_table(run: Run, pair: Pair, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Results to files and back: nothing lost, nothing half-written, and one line for what cannot be read."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -30,10 +31,14 @@ def build(left: str | None = "left.png", right: str | None = "right.png") -> Mat
     lefts = [square(3, 10, holes=(hole,), score=0.9, label="roof"), square(5, 12, 5.0, parent=3), square(9, 50 + 1 / 3)]
     rights = [square(0, 8), square(1, 48.125)]
     nodes = np.array([[0, 1], [2, 3]])
+    outline = np.array([[10, 10, 8, 10, 0.125], [30, 10, 28, 10.5, 0], [30, 30.0, 28, 30, 0.001]])
     return MatchResult(
         left=Side(100, 60, lefts, left),
         right=Side(90, 70, rights, right),
-        matches=[PolygonMatch(3, 1, 0.75, 0.125, 12, "global", 0.5, nodes), PolygonMatch(9, 0, 0.3, 2.5, 0, "local")],
+        matches=[
+            PolygonMatch(3, 1, 0.75, 0.125, 12, "global", 0.5, nodes, outline),
+            PolygonMatch(9, 0, 0.3, 2.5, 0, "local"),
+        ],
         points=PointMatches(np.array([[1.5, 2], [3, 4.1]]), np.array([[0.5, 2], [2, 4.3]]), np.array([1.0, 0.25])),
         fundamental=np.array([[0, -1e-7, 0.1], [1 / 3, 0, 2], [3, 4, 5]]),
         homography=Failed("only 2 homologous points"),
@@ -64,6 +69,8 @@ def test_round_trip(result: MatchResult, tmp_path: Path) -> None:
     assert loaded.left.polygons[0].area == 400 - shoelace(result.left.polygons[0].holes[0])
     assert np.array_equal(loaded.matches[0].nodes, [[0, 1], [2, 3]])
     assert loaded.matches[1].nodes.shape == (0, 2)
+    assert np.array_equal(loaded.matches[0].outline, result.matches[0].outline)
+    assert loaded.matches[1].outline.shape == (0, 5)
     assert loaded.save(tmp_path / "again") == tmp_path / "again"
     for name in FILES:
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
@@ -186,7 +193,7 @@ def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
 
 def test_a_missing_member_is_named(tmp_path: Path) -> None:
     members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
-    optional = {"label", "area", "nodes", "overlap"}
+    optional = {"label", "area", "nodes", "overlap", "non_overlapping", "outline"}
     missed = [p for p in members if p[-1] not in optional]
     assert len(missed) > 40
     for place in missed:
@@ -208,3 +215,94 @@ def test_a_member_of_a_wrong_kind_is_an_input_error_or_harmless(tmp_path: Path, 
             found.to_dict()
             found.to_geojson()
     assert refused > 10
+
+
+def overlapping() -> MatchResult:
+    """Twice the same image, with a window (2) in a roof (1), a crossing region (4), and polygons without a match."""
+    rings = {
+        1: (10, 10, 70, 50),
+        2: (20, 20, 35, 35),
+        4: (60, 5, 80, 55),
+        5: (0, 0, 30, 30),
+        8: (22, 22, 24, 24),
+    }
+    polygons = [
+        Polygon(
+            k,
+            np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], np.float64),
+            parent={2: 1, 8: 2}.get(k),
+            label="window" if k == 2 else None,
+        )
+        for k, (x0, y0, x1, y1) in rings.items()
+    ]
+    none = np.zeros((0, 2), np.int64)
+    matches = [
+        PolygonMatch(k, k, c, 1.0, 0, "global", 1.0, np.array([[0, 0]]) if k == 1 else none)
+        for k, c in ((1, 0.9), (2, 0.6), (4, 0.8), (8, 0.7))
+    ]
+    side = Side(100, 60, polygons)
+    points = PointMatches(np.array([[15.0, 40]]), np.array([[15.0, 40]]), np.ones(1))
+    return MatchResult(side, side, matches, points, Failed("no"), np.eye(3), {"segment": {"min_area": 50.0}}, {})
+
+
+def areas(side: Side) -> dict[int, float]:
+    return {polygon.id: polygon.area for polygon in side.polygons}
+
+
+def test_flatten_gives_exclusive_regions_and_says_so() -> None:
+    before = overlapping()
+    flat = before.flatten()
+    for side in (flat.left, flat.right):
+        # 8 lies in 2 and untouched by anybody, so it stays though it is small; 1 keeps what 2 and 8 leave, 4 the rest
+        assert areas(side) == {1: 60 * 40 - 15 * 15, 2: 15 * 15 - 4, 4: 20 * 50 - 10 * 40, 5: 900, 8: 4}
+    assert [(m.left, m.right, m.confidence) for m in flat.matches] == [
+        (m.left, m.right, m.confidence) for m in before.matches
+    ]
+    assert all(len(match.nodes) == 0 for match in flat.matches)
+    kept = {polygon.id: polygon for polygon in flat.left.polygons}
+    assert (kept[2].parent, kept[8].parent, kept[2].label) == (1, 2, "window")
+    assert kept[5] is before.left.polygons[3]
+    assert (flat.non_overlapping, before.non_overlapping) == (True, False)
+    assert flat.to_dict()["non_overlapping"] is True
+    assert flat.flatten().to_dict() == flat.to_dict()
+
+
+def test_flatten_leaves_out_matches_that_keep_too_little() -> None:
+    before = overlapping()
+    wide = dataclasses.replace(before, config={"segment": {"min_area": 700}})
+    flat = wide.flatten()
+    assert [match.left for match in flat.matches] == [1, 8]
+    assert areas(flat.left) == {1: 60 * 40 - 4, 2: 225, 4: 1000, 5: 900, 8: 4}
+    assert flat.warnings == ["made non-overlapping, 2 of 4 matches lost their regions"]
+    for config in ({}, {"segment": 3}, {"segment": {"min_area": None}}):
+        usual = dataclasses.replace(before, config=config).flatten()
+        assert [match.left for match in usual.matches] == [1, 2, 4, 8]
+
+
+def test_outlines_go_to_the_file_and_back(tmp_path: Path) -> None:
+    outlined = overlapping().flatten().with_outlines()
+    for match in outlined.matches:
+        assert match.outline[:, :2] == pytest.approx(match.outline[:, 2:4], abs=1e-6)
+    roof = outlined.matches[0].outline
+    assert len(roof) == 100  # px of the exterior / step, whatever its holes
+    assert len(overlapping().with_outlines(step=4.0).matches[0].outline) == 50
+    file = tmp_path / "matches.json"
+    file.write_text(json.dumps(outlined.to_dict()))
+    again = MatchResult.load(file)
+    assert again.non_overlapping
+    assert again.to_dict() == outlined.to_dict()
+    assert again.matches[0].outline == pytest.approx(roof, abs=0.0005)
+    assert "outline" not in overlapping().to_dict()["matches"][0]
+
+
+def test_flatten_and_outlines_of_nothing_and_of_a_broken_result() -> None:
+    nothing = dataclasses.replace(overlapping(), matches=[])
+    assert nothing.flatten().non_overlapping
+    assert nothing.with_outlines().matches == []
+    broken = dataclasses.replace(overlapping(), matches=[PolygonMatch(1, 77, 0.5, 1.0, 0, "global")])
+    for call in (broken.flatten, broken.with_outlines):
+        with pytest.raises(InputError, match="match 1 - 77 names a polygon that the result does not have"):
+            call()
+    for step in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="give a step above 0"):
+            overlapping().with_outlines(step)

@@ -93,6 +93,12 @@ def match_command(
     right_regions: Annotated[Path | None, typer.Option(help="The same, right.")] = None,
     method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
     points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat,sift.")] = None,
+    non_overlapping: Annotated[
+        bool, typer.Option("--non-overlapping", help="Give each pixel to one match at most.")
+    ] = False,
+    outlines: Annotated[
+        bool, typer.Option("--outlines", help="Pair the outlines of each match, point by point, in matches.json.")
+    ] = False,
     device: Device = None,
     seed: Seed = None,
     weights_dir: WeightsDir = None,
@@ -125,6 +131,8 @@ def match_command(
         with _progress(quiet or as_json) as (progress, say):
             matcher = open_method(method, config, segmenter=own, progress=progress, say=say)
             result = matcher(left, right)
+            result = result.flatten() if non_overlapping else result
+            result = result.with_outlines() if outlines else result
             result.save(out)
     except Zpm2Error:
         if fresh:

@@ -1,5 +1,6 @@
-"""What a run gives back: polygons, matches, points, geometry; to files and back, and as a picture."""
+"""What a run gives back: polygons, matches, points, geometry; to files and back, as a picture, and made exclusive."""
 
+import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,11 +14,15 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2._version import __version__
+from zpm2.config import Config
 from zpm2.errors import Failed, InputError
 from zpm2.io import geojson
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.io.images import read_image
-from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
+from zpm2.local_match.exclusive import exclusive
+from zpm2.local_match.outline import outline_correspondence
+from zpm2.local_match.pair_map import pair_maps
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.view.overlay import overlay
 
 SCHEMA = "zpm2-matches/1"
@@ -48,6 +53,66 @@ class MatchResult:
     timings: Mapping[str, float]  # stage -> seconds
     warnings: Sequence[str] = ()
     version: str = field(default=__version__)
+    non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
+
+    def flatten(self) -> "MatchResult":
+        """The same with matched regions that exclude each other in both images, to the pixel.
+
+        Where two matches overlap, the same one gets the pixels on both sides: the surer match, but a part before the
+        whole that it lies in. What is left of a polygon, one piece without what was taken, is traced along pixel edges
+        under its old id; matches of which one side keeps less than `segment.min_area` px, or of which the two sides do
+        not correspond any more, go, and leave their pixels to the others (`local_match.exclusive` has the rule). Their
+        polygons and unmatched ones stay listed as they were, and may overlap anything; `parent` still says what lay in
+        what before. Homologous vertices and outlines were those of the old exteriors, and are left out.
+        """
+        pairs = self._pairs()
+        confidence = np.array([match.confidence for match in self.matches], np.float64)
+        sizes = (self.left.width, self.left.height), (self.right.width, self.right.height)
+        kept = exclusive(pairs, confidence, self._maps(pairs), sizes, _option(self.config, "segment", "min_area"))
+        matches = [
+            dataclasses.replace(match, nodes=np.zeros((0, 2), np.int64), outline=np.zeros((0, 5)))
+            for match, pair in zip(self.matches, kept, strict=True)
+            if pair is not None
+        ]
+        gone = len(self.matches) - len(matches)
+        notes = [f"made non-overlapping, {gone} of {len(self.matches)} matches lost their regions"] if gone else []
+        return dataclasses.replace(
+            self,
+            left=_with_polygons(self.left, [pair[0] for pair in kept if pair is not None]),
+            right=_with_polygons(self.right, [pair[1] for pair in kept if pair is not None]),
+            matches=matches,
+            warnings=[*self.warnings, *notes],
+            non_overlapping=True,
+        )
+
+    def with_outlines(self, step: float = 2.0) -> "MatchResult":
+        """The same with homologous points all around each matched pair of exteriors, about every `step` px: the
+        `outline` of each match (`local_match.outline`). Cut at a residual of your choice what one outline has and the
+        other has not."""
+        if not step > 0:
+            raise InputError(f"outlines are sampled every {step} px: give a step above 0")
+        pairs = self._pairs()
+        fundamental = None if isinstance(self.fundamental, Failed) else self.fundamental
+        matches = [
+            dataclasses.replace(
+                match, outline=outline_correspondence(left.exterior, right.exterior, matrix, step, fundamental)
+            )
+            for match, (left, right), matrix in zip(self.matches, pairs, self._maps(pairs), strict=True)
+        ]
+        return dataclasses.replace(self, matches=matches)
+
+    def _pairs(self) -> list[tuple[Polygon, Polygon]]:
+        """The polygons of each match."""
+        left, right = ({polygon.id: polygon for polygon in side.polygons} for side in (self.left, self.right))
+        for match in self.matches:
+            if match.left not in left or match.right not in right:
+                raise InputError(f"match {match.left} - {match.right} names a polygon that the result does not have")
+        return [(left[match.left], right[match.right]) for match in self.matches]
+
+    def _maps(self, pairs: Sequence[tuple[Polygon, Polygon]]) -> NDArray[np.float64]:
+        """(n, 3, 3) the map of each of n matched pairs."""
+        left, right = (PolygonArrays([pair[k] for pair in pairs]) for k in range(2))
+        return pair_maps(left, right, self.points, self.homography, int(_option(self.config, "local_match", "gamma")))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `matches.json` (schema "zpm2-matches/1")."""
@@ -65,6 +130,7 @@ class MatchResult:
             },
             "fundamental": _matrix_to_list(self.fundamental),
             "homography": _matrix_to_list(self.homography),
+            "non_overlapping": self.non_overlapping,
             "matches": [_match_to_dict(match) for match in self.matches],
             "warnings": list(self.warnings),
         }
@@ -121,6 +187,12 @@ class MatchResult:
             raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
 
 
+def _with_polygons(side: Side, polygons: Sequence[Polygon]) -> Side:
+    """The side with `polygons` in the place of those that have their ids."""
+    new = {polygon.id: polygon for polygon in polygons}
+    return dataclasses.replace(side, polygons=[new.get(polygon.id, polygon) for polygon in side.polygons])
+
+
 def _side_to_dict(side: Side) -> dict[str, Any]:
     polygons = [
         {
@@ -147,6 +219,7 @@ def _match_to_dict(match: PolygonMatch) -> dict[str, Any]:
         "stage": match.stage,
         "overlap": match.overlap,
         "nodes": match.nodes.tolist(),
+        **({"outline": match.outline.round(3).tolist()} if len(match.outline) else {}),
     }
 
 
@@ -167,13 +240,18 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
         timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
         version=document["version"],
+        non_overlapping=document.get("non_overlapping") is True,
     )
 
 
 def _match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
     known: dict[str, Any] = {name: values[name] for name in ("confidence", "cost", "dsf", "stage", "overlap")}
     known |= {side: index(values[side]) for side in ("left", "right")}
-    return PolygonMatch(**known, nodes=np.array(values.get("nodes", []), np.int64).reshape(-1, 2))
+    return PolygonMatch(
+        **known,
+        nodes=np.array(values.get("nodes", []), np.int64).reshape(-1, 2),
+        outline=np.array(values.get("outline", []), np.float64).reshape(-1, 5),
+    )
 
 
 def _side_from_dict(values: Mapping[str, Any]) -> Side:
@@ -200,6 +278,14 @@ def _ring(values: Any) -> NDArray[np.float64]:
 
 def _matrix_from_list(values: Any, name: str) -> NDArray[np.float64] | Failed:
     return Failed(f"the run found no {name}") if values is None else np.array(values, np.float64).reshape(3, 3)
+
+
+def _option(config: Mapping[str, Any], stage: str, name: str) -> float:
+    """A number of the run's configuration; that of `Config()` for a result that does not hold it."""
+    values = config.get(stage)
+    value = values.get(name) if isinstance(values, Mapping) else None
+    usual: float = getattr(getattr(Config(), stage), name)
+    return value if isinstance(value, int | float) and value > 0 else usual
 
 
 def _pixels(side: Side, name: str) -> Image:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import weights
+from zpm2.detect.answers import LOW
 from zpm2.errors import ConfigError, MissingDependency
 
 Array = NDArray[np.float32]
@@ -125,8 +126,9 @@ class OpenVinoBackend:
         with np.load(folder / "embedding.npz") as arrays:
             self.embed = PromptEmbedding(**arrays)
         self.core, self.folder = openvino.Core(), folder
-        self.image_network, self.mask_network = self._compile("image"), self._compile("mask")
+        self.image_network = self._compile("image")
         self.prompt_networks: dict[int, Any] = {}  # by number of prompt tokens
+        self.mask_networks: dict[int, Any] = {}  # by number of masks
 
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> Any:
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
@@ -156,7 +158,14 @@ class OpenVinoBackend:
         return iou[:given], hyper[:given], tokens[:given]
 
     def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
-        return self._run(self.mask_network, [tokens[rows], hyper])[0]
+        """Prompt by prompt: as fast as together, and the image tokens (4 MB each) are not copied."""
+        each = hyper.shape[1]
+        if each not in self.mask_networks:
+            self.mask_networks[each] = self._compile("mask", [(1, *tokens.shape[1:]), (1, *hyper.shape[1:])])
+        logits = np.empty((len(rows), each, LOW, LOW), np.float32)
+        for k, row in enumerate(rows):
+            logits[k] = self._run(self.mask_networks[each], [tokens[row : row + 1], hyper[k : k + 1]])[0][0]
+        return logits
 
 
 def _converted(model: str, openvino_version: str, say: Say) -> Path:

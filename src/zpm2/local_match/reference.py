@@ -6,7 +6,7 @@ purpose: the optima are found by trying everything, or by one linear assignment 
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -103,6 +103,24 @@ def assign_dense(costs: Mapping[tuple[int, int], float], unmatched: float) -> tu
         matrix[i, n + i] = unmatched
     solution = list(zip(*linear_sum_assignment(matrix), strict=True))
     return float(sum(matrix[i, j] for i, j in solution)), {(rows[i], columns[j]) for i, j in solution if j < n}
+
+
+def once_around(costs: Sequence[Sequence[float]]) -> float:
+    """The least sum of costs of a walk once around two closed outlines (`outline.align`), by trying every start.
+
+    `costs[i][j]` is that of pairing place i of the first with place j of the second; a walk goes on by one place on the
+    first, the second or both, and ends where it began.
+    """
+    p, q = len(costs), len(costs[0])
+    best = math.inf
+    for start in range(q):
+        total = [[math.inf] * (q + 1) for _ in range(p + 1)]
+        for i, j in itertools.product(range(p + 1), range(q + 1)):
+            before = [total[a][b] for a, b in ((i - 1, j - 1), (i - 1, j), (i, j - 1)) if a >= 0 and b >= 0]
+            here = 0.0 if (i, j) == (p, q) else costs[i % p][(start + j) % q]
+            total[i][j] = here + min(before, default=0.0)
+        best = min(best, total[p][q])
+    return best
 
 
 def _angle(a: Array, b: Array, c: Array) -> float:

@@ -22,3 +22,6 @@ class PolygonMatch:
     overlap: float = 0.0  # 0..1, IoU of the rectified left polygon with the right one
     nodes: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     # (k, 2) homologous vertices: row (a, b) says that exterior vertex a of `left` is exterior vertex b of `right`
+    outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
+    # (k, 5) homologous points all around the exteriors: x_left, y_left, x_right, y_right, residual, px; empty unless
+    # asked for (see `local_match.outline`)

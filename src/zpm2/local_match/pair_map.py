@@ -1,0 +1,80 @@
+"""A map of each matched pair's own: where a point of its left polygon should be in the right image."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.errors import Failed
+from zpm2.global_match import Candidates
+from zpm2.local_match import rectify
+from zpm2.local_match.support import lookup, support
+from zpm2.model import PointMatches, PolygonArrays
+
+Array = NDArray[np.float64]
+
+
+def pair_maps(
+    left: PolygonArrays, right: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int
+) -> Array:
+    """(n, 3, 3) maps, right ~ map @ left in image px, of n matched pairs: row k of `left` and row k of `right`.
+
+    With `gamma` homologous points inside both polygons, a homography fitted to them (paper 3.4.1). Otherwise the better
+    one of two hypotheses, under which the polygons overlap more: the local affine part of `homography`, moved to what
+    points there are, or the same enlarged and moved so that areas and centroids agree. That one mistakes a polygon that
+    is partly hidden for a smaller one, but needs neither points nor `homography`.
+    """
+    linear = _linear(left.centers, homography)
+    by_points, count = _by_points(left, right, points, linear, gamma)
+    size = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
+    by_shape = _affine(size[:, None, None] * linear, left.centers, right.centers)
+    each = np.arange(len(left))
+    overlap, other = (
+        rectify.overlaps(rectify.rectified_shapes(left, each, maps), right.shapes) for maps in (by_points, by_shape)
+    )
+    trusted = (overlap >= other) | ((count >= gamma) & (overlap > 0))
+    return np.where(trusted[:, None, None], by_points, by_shape)
+
+
+def _by_points(
+    left: PolygonArrays, right: PolygonArrays, points: PointMatches, linear: Array, gamma: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """(n, 3, 3) maps, which without points move centroid onto centroid, and (n,) the points inside both polygons."""
+    each = np.arange(len(left))
+    maps, points_inside = _affine(linear, left.centers, right.centers), np.zeros(len(left), np.int64)
+    inside = support(points, left, right)
+    at = lookup(np.arange(len(inside.pairs)), inside.pairs, Candidates(each, each))
+    some = np.flatnonzero(at >= 0)
+    if len(some) == 0:
+        return maps, points_inside
+    count = points_inside[some] = inside.counts[at[some]]
+    group = np.repeat(np.arange(len(some)), count)
+    first = np.cumsum(count) - count
+    point = inside.point[np.arange(len(group)) - first[group] + inside.start[at[some]][group]]
+    middle = [np.add.reduceat(xy[point], first, axis=0) / count[:, None] for xy in (points.left, points.right)]
+    maps[some] = _affine(linear[some], *middle)
+    many = count >= gamma
+    if many.any():
+        keep = many[group]
+        renumbered = (np.cumsum(many) - 1)[group[keep]]
+        maps[some[many]] = rectify.fit_homographies(points, point[keep], renumbered, maps[some[many]])
+    return maps, points_inside
+
+
+def _linear(centers: Array, homography: Array | Failed) -> Array:
+    """(n, 2, 2) the local affine part of H; the identity where there is none."""
+    linear: Array = np.tile(np.eye(2), (len(centers), 1, 1))
+    if not isinstance(homography, Failed):
+        local = geometry.homography_jacobian(homography, centers)
+        rows = np.flatnonzero(np.isfinite(local).all((1, 2)))
+        rows = rows[np.abs(np.linalg.det(local[rows])) > 1e-6]
+        linear[rows] = local[rows]
+    return linear
+
+
+def _affine(linear: Array, source: Array, target: Array) -> Array:
+    """(n, 3, 3) maps with the linear part `linear` that bring `source` (n, 2) onto `target` (n, 2)."""
+    maps = np.zeros((len(linear), 3, 3))
+    maps[:, :2, :2] = linear
+    maps[:, :2, 2] = target - np.einsum("nij,nj->ni", linear, source)
+    maps[:, 2, 2] = 1.0
+    return maps
