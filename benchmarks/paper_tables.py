@@ -33,11 +33,20 @@ def data_sets(options: argparse.Namespace) -> Iterable[tuple[str, str, str]]:
 
 
 def measure(
-    options: argparse.Namespace, name: str, kind: str, folder: str, label: str, words: Sequence[str] = ()
+    options: argparse.Namespace,
+    name: str,
+    kind: str,
+    folder: str,
+    label: str,
+    words: Sequence[str] = (),
+    regions: str | None = None,
 ) -> dict[str, Any]:
-    """The summary of `zpm2 eval` with some more options, kept in a folder of its own."""
+    """The summary of `zpm2 eval` with some more options, kept in a folder of its own; on the polygons of the run with
+    the label `regions`, if one is named."""
     out = options.out / f"{name}-{label}"
     command = ["zpm2", "eval", kind, "--root", folder, "-o", str(out), "--preset", "paper", *words]
+    if regions and regions != label:
+        command += ["--regions", str(options.out / f"{name}-{regions}")]
     if options.limit:
         command += ["--limit", str(options.limit)]
     run = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import PIL.Image
 import pytest
+import shapely.affinity
+from painted import PaintedSegmenter, PaintedView, Region
 from rendered import Pair, photograph
 
 import zpm2
 from zpm2 import MatchResult, PolygonMatcher
-from zpm2.config import Config, PointsConfig, SegmentConfig
+from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Image, Mask, PointMatches
@@ -286,3 +288,51 @@ def test_polygons_that_no_texture_places_are_told() -> None:
     assert len(told) == 1
     assert told[0].startswith("60 of 60 left polygons")
     assert "without texture that correlates" in told[0]
+
+
+def painted_pair() -> tuple[PaintedSegmenter, PaintedView, PaintedView]:
+    """A photograph and the same 24 px further left. One region in three answers only when it is asked for."""
+    rgb = photograph(5, 256, 256)
+    images = Image(rgb), Image(np.ascontiguousarray(np.roll(rgb, -24, axis=1)))
+    cells = [shapely.box(x, y, x + 36, y + 40) for y in range(10, 200, 60) for x in range(30, 200, 60)]
+    views = []
+    for n, (image, moved) in enumerate(zip(images, (0, -24), strict=True)):
+        shapes = [shapely.affinity.translate(cell, moved) for cell in cells]
+        views.append(PaintedView(image, [Region(shape, shy=k % 3 == n) for k, shape in enumerate(shapes)]))
+    return PaintedSegmenter(views), views[0], views[1]
+
+
+GUIDED = assign(preset("default"), ["device=cpu", "segment.grid=8", "segment.min_area=50"])
+
+
+def test_guided_matches_say_so() -> None:
+    segmenter, left, right = painted_pair()
+    found = PolygonMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
+    assert len(found.matches) == len(left.regions)
+    assert "guided" in found.timings
+    assert {m.stage for m in found.matches} >= {"guided"}
+    assert sum(m.stage == "guided" for m in found.matches) >= len(left.regions) / 2
+    centers = [{p.id: p.center for p in side.polygons} for side in (found.left, found.right)]
+    assert np.allclose([centers[1][m.right] - centers[0][m.left] for m in found.matches], [-24, 0], atol=1.5)
+    again = PolygonMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
+    assert content(found) == content(again)
+
+
+def test_guidance_in_one_direction_asks_the_left_image_nothing_new() -> None:
+    segmenter, left, right = painted_pair()
+    forward = assign(GUIDED, ["guided.direction=forward"])
+    found = PolygonMatcher(forward, segmenter=segmenter, points=Given(grid_points(-24)))(
+        left.image.rgb, right.image.rgb
+    )
+    assert "guided" not in found.timings
+    assert len(found.matches) < len(left.regions)
+    assert len(found.right.polygons) == len(right.regions)
+
+
+def test_a_segmenter_without_prompts_is_told(pair: Pair) -> None:
+    rgb = photograph(5)
+    found = PolygonMatcher(GUIDED, segmenter=Squares(), points=Given(grid_points(-40)))(rgb, np.roll(rgb, -40, axis=1))
+    assert any("takes no prompts" in warning for warning in found.warnings)
+    assert "guided" not in found.timings
+    given = PolygonMatcher(GUIDED, segmenter=regions(pair), points=Given(grid_points(-5)))(pair.left, pair.right)
+    assert not any("prompts" in warning for warning in given.warnings)
