@@ -66,6 +66,9 @@ def test_command(command: str, run: Run, workplace: Path) -> None:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
+    if "--regions" in words:
+        scores = words[words.index("--regions") + 1]
+        assert run("eval", "pairs", "--root", "data", "-o", scores, *QUICK).code == 0
     code, out, err = run(*words)
     assert code == 0, err
     assert out

@@ -21,6 +21,7 @@ from zpm2.detect.protocol import PromptedView
 
 DEPTH = {"fast": 0.0, "balanced": 1.0}  # px of a decoded mask: points deeper inside a fine mask are not asked,
 LEAST = {"fast": 1 / 6, "balanced": 1 / 3}  # but for this share of the grid, least deep first
+CHUNK = 256  # masks looked at at a time; one takes 64 kB
 
 
 def everything(
@@ -59,9 +60,11 @@ def everything(
             found.append(answers)
             progress(1.0 - len(waiting) / len(points))
         progress(1.0)
-    new = Answers.join(found)
-    rank = np.append(2.0 + np.arange(len(known), 0.0, -1.0), new.score.astype(np.float64))
-    return distinct(Answers.join([known, new]), rank, config, view)
+    answers = Answers.join([known, *found])
+    del found
+    rank = answers.score.astype(np.float64)
+    rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
+    return distinct(answers, rank, config, view)
 
 
 def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
@@ -78,17 +81,16 @@ def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
 def distinct(answers: Answers, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView) -> Answers:
     """Without masks that are too small or too large, and of those that show the same region the one of highest `rank`
     (n,); highest rank first."""
-    if len(answers) == 0:
-        return answers
-    bits = answers.bits
-    area = bits.sum((1, 2), dtype=np.int64)
+    area = np.array([np.count_nonzero(logits > 0) for logits in answers.logits], np.int64)
     pixels = area / view.low**2  # image px^2
     usable = (pixels >= config.min_area / 2) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
-    answers, bits, area = answers[usable], bits[usable], area[usable]
-    if len(answers) == 0:
-        return answers
-    return answers[masks.suppress(masks.pack(bits), masks.boxes(bits), area, rank[usable], config.nms_iou)]
+    rows = np.flatnonzero(usable)
+    if len(rows) == 0:
+        return answers[rows]
+    chunks = (answers.logits[rows[k : k + CHUNK]] > 0 for k in range(0, len(rows), CHUNK))
+    packed, box = map(np.concatenate, zip(*((masks.pack(bits), masks.boxes(bits)) for bits in chunks), strict=True))
+    return answers[rows[masks.suppress(packed, box, area[rows], rank[rows], config.nms_iou)]]
 
 
 def _depth(depth: NDArray[np.float32], fine: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -1,0 +1,97 @@
+"""A photograph that SAM can be asked about, with the real weights."""
+
+import numpy as np
+import pytest
+import shapely
+from rendered import Pair
+
+from zpm2.config import SegmentConfig
+from zpm2.detect.answers import CORNER, INSIDE, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.detect.sam import SamSegmenter, SamView
+from zpm2.model import Image
+
+pytestmark = pytest.mark.weights
+
+EVERYTHING = Floor(0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def view(pair: Pair) -> SamView:
+    return SamSegmenter(SegmentConfig()).view(Image(pair.scene.left))
+
+
+@pytest.fixture(scope="module")
+def points(view: SamView) -> np.ndarray:
+    return np.random.default_rng(0).uniform(5, [view.image.width - 5, view.image.height - 5], (20, 2))
+
+
+def boxed(points: np.ndarray, half: float = 30.0) -> Prompts:
+    corners = np.stack([points, points - half, points + half], axis=1)
+    return Prompts(corners, np.array([INSIDE, CORNER, OTHER_CORNER]))
+
+
+def same(first: Answers, second: Answers) -> bool:
+    return (
+        np.array_equal(first.prompt, second.prompt)
+        and np.allclose(first.score, second.score, atol=1e-4)
+        and float((first.bits != second.bits).mean()) < 1e-4
+    )
+
+
+def test_a_point_has_three_masks_and_a_box_four(view: SamView, points: np.ndarray) -> None:
+    assert np.bincount(view.ask(Prompts.at(points), EVERYTHING).prompt).max() == 3
+    assert np.bincount(view.ask(boxed(points), EVERYTHING).prompt).max() == 4
+
+
+def test_the_floor_holds(view: SamView, points: np.ndarray) -> None:
+    floor = Floor(0.85, 0.9)
+    everything, good = view.ask(Prompts.at(points), EVERYTHING), view.ask(Prompts.at(points), floor)
+    assert 0 < len(good) < len(everything)
+    assert good.reach(floor).all()
+    assert same(good, everything[everything.reach(floor)])
+
+
+@pytest.mark.parametrize("prompts", [Prompts.at, boxed])
+def test_questions_do_not_depend_on_each_other(view: SamView, points: np.ndarray, prompts) -> None:
+    """One call or several: batches are filled up, and that changes nothing."""
+    together = view.ask(prompts(points), EVERYTHING)
+    parts = [view.ask(prompts(points[[k]]), EVERYTHING) for k in range(len(points))]
+    apart = Answers.join([Answers(p.prompt + k, p.score, p.stability, p.logits) for k, p in enumerate(parts)])
+    assert same(together, apart)
+
+
+def test_nothing_asked_nothing_answered(view: SamView) -> None:
+    assert len(view.ask(Prompts.at(np.zeros((0, 2))), EVERYTHING)) == 0
+    assert view.masks(Answers.none()) == []
+
+
+def test_the_padding_is_no_part_of_any_mask(view: SamView, points: np.ndarray) -> None:
+    bits = view.ask(Prompts.at(points), EVERYTHING).bits
+    assert not bits[:, view.size[0] :].any()
+    assert not bits[:, :, view.size[1] :].any()
+
+
+def test_cover_has_the_areas_of_its_shapes(view: SamView) -> None:
+    width, height = view.image.width, view.image.height
+    hole = shapely.box(20, 20, 120, 120).difference(shapely.box(50, 50, 90, 90))
+    two = shapely.union_all([shapely.box(10, 10, 40, 40), shapely.box(100, 60, 160, 100)])
+    beyond = shapely.box(width - 40, height - 40, width + 400, height + 400)
+    shapes = np.array([hole, two, beyond, shapely.Polygon()], object)
+    area = view.cover(shapes).sum((1, 2)) / view.low**2
+    inside = shapely.area(shapely.intersection(shapes, shapely.box(0, 0, width, height)))
+    assert area == pytest.approx(inside, rel=0.12)
+
+
+def test_masks_of_answers_are_where_the_answers_are(view: SamView, points: np.ndarray) -> None:
+    answers = view.ask(boxed(points), Floor(0.8, 0.9))
+    masks = view.masks(answers)
+    assert len(masks) == len(answers) > 0
+    for mask, bits in zip(masks, answers.bits, strict=True):
+        assert mask.area == pytest.approx(bits.sum() / view.low**2, rel=0.15, abs=12)
+
+
+def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> None:
+    pytest.importorskip("openvino")
+    torch = SamSegmenter(SegmentConfig(backend="torch")).view(view.image)
+    for prompts in (Prompts.at(points[:4]), boxed(points[:4])):
+        assert same(torch.ask(prompts, EVERYTHING), view.ask(prompts, EVERYTHING))
