@@ -53,15 +53,14 @@ def test_repeated_windows_are_not_taken_for_each_other(matcher: PolygonMatcher) 
     assert np.mean(np.abs(moves - [-32, 0]).max(1) < 12) >= 0.95
 
 
-def test_a_mirrored_photograph(matcher: PolygonMatcher, pair: Pair) -> None:
-    image = pair.scene.left
+def test_a_mirrored_photograph(matcher: PolygonMatcher) -> None:
+    image = photograph(3)
     width = image.shape[1]
     found = confident(matcher(image, np.ascontiguousarray(image[:, ::-1])))
-    wrong = [a for a, b in found if np.abs(b - [width - a[0], a[1]]).max() > 0.1 * width]
-    assert len(wrong) <= 0.1 * len(found)
+    assert all(np.abs(b - [width - a[0], a[1]]).max() < 0.1 * width for a, b in found)
 
 
-@pytest.mark.parametrize("value", [0, 120, 255])
+@pytest.mark.parametrize("value", [0, 120])
 def test_a_uniform_image_finishes(matcher: PolygonMatcher, value: int) -> None:
     flat = np.full((120, 200, 3), value, np.uint8)
     result = matcher(flat, flat)
