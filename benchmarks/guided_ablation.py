@@ -4,7 +4,8 @@
 
 Every variant is run on every pair, one after the other in one process, so that their seconds compare. What guidance in
 one direction gives is what a run in both directions has when it turns round: taken, with its seconds and prompts, from
-there. `--torch` adds, on that one pair, the same pipeline with the torch networks and the plain grid on both images.
+there. `--torch` adds, on that one pair, the same pipeline with torch and the plain grid on both images: with the
+decoder cut as here, and with it as published, where every prompt takes the whole decoder and all masks are decoded.
 Data and scorer as for match_pairs.py. Prints the table to stderr and one JSON document (schema zpm2-bench-guided/1) to
 stdout.
 """
@@ -19,19 +20,47 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from match_pairs import environment, score, totals
+from numpy.typing import NDArray
 
 from zpm2 import PolygonMatcher, config
 from zpm2.detect.sam import SamSegmenter
+from zpm2.detect.sam_backend import TorchBackend, load_sam
 from zpm2.result import MatchResult
+
+
+class Published(TorchBackend):
+    """The decoder as it was published: nothing computed once for an image, every mask decoded."""
+
+    def __init__(self, model: str, device: str) -> None:
+        super().__init__(model, device)
+        self.sam = load_sam(model).to(self.device)
+
+    def image(self, pixels: NDArray[np.float32]) -> Any:
+        with self.torch.inference_mode():
+            return self.sam.image_encoder(self._to(pixels))
+
+    def prompt(self, parts: Any, sparse: NDArray[np.float32]) -> tuple[Any, Any, Any]:
+        with self.torch.inference_mode():
+            _, dense = self.sam.prompt_encoder(None, None, None)
+            dense = dense.expand(len(sparse), -1, -1, -1)
+            position = self.sam.prompt_encoder.get_dense_pe()
+            logits, iou = self.sam.mask_decoder.predict_masks(parts, position, self._to(sparse), dense)
+        return iou.cpu().numpy(), np.zeros((*iou.shape, 1), np.float32), logits.cpu().numpy()
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: NDArray[np.float32]) -> Any:
+        return tokens[rows][:, -hyper.shape[1] :]
 
 
 class Measured:
     """A matcher of which prompts and seconds are counted, models loaded."""
 
-    def __init__(self, settings: list[str]) -> None:
+    def __init__(self, settings: list[str], published: bool = False) -> None:
         chosen = config.assign(config.preset("default"), settings)
         self.segmenter = SamSegmenter(chosen.segment)
+        if published:
+            self.segmenter._backend = Published(chosen.segment.model, "cpu")
         self.matcher = PolygonMatcher(chosen, segmenter=self.segmenter)
         self.matcher._load_points()
         self.prompts, self.forward = 0, None
@@ -76,10 +105,11 @@ def main() -> None:
     if options.torch:
         plain = ["segment.quality=full", "guided.direction=off", "segment.backend=torch"]
         runs.append(("torch, full", plain, [options.torch]))
+        runs.append(("torch as published, full", plain, [options.torch]))
     rows: dict[str, list[dict[str, Any]]] = {}
     with tempfile.TemporaryDirectory() as temporary:
         for label, settings, names in runs:
-            matcher = Measured(settings)
+            matcher = Measured(settings, label.startswith("torch as published"))
             for name in names:
                 pair = known[name]
                 for direction, result, seconds, prompts in matcher(

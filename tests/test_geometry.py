@@ -232,19 +232,29 @@ def two_cameras(seed: int = 0, n: int = 300) -> tuple[np.ndarray, ...]:
     return k, k2, turn, translation, left[:, :2] / left[:, 2:], right[:, :2] / right[:, 2:]
 
 
+def rays_of(k: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return (geometry.homogeneous(points) @ np.linalg.inv(k).T)[:, :2]
+
+
 @pytest.mark.parametrize("seed", range(3))
-def test_relative_pose_of_exact_points_with_outliers(seed: int) -> None:
+def test_essential_matrix_and_which_points_lie_before_both_cameras(seed: int) -> None:
     k, k2, turn, translation, left, right = two_cameras(seed)
-    right[:60] = np.random.default_rng(9).uniform(0, 600, (60, 2))
-    found = geometry.relative_pose(left, right, (k, k2), 1.0)
+    a, b = rays_of(k, left), rays_of(k2, right)
+    found = geometry.essential_matrix(a, b, 1 / 700)
     assert not isinstance(found, Failed)
-    assert np.abs(found[0] - turn).max() < 5e-3
-    assert np.abs(found[1] - translation / np.linalg.norm(translation)).max() < 2e-2
-    assert found[2][60:].sum() >= 235
+    assert found[1].mean() > 0.95
+    truth = geometry.cross_matrix(translation) @ turn
+    assert geometry.sampson_distance(truth, a, b).max() < 1e-12
+    assert geometry.sampson_distance(found[0], a, b).max() < 1e-4
+    assert geometry.in_front(turn, translation, a, b).all()
+    assert not geometry.in_front(turn, -translation, a, b).any()
 
 
-def test_relative_pose_needs_points() -> None:
-    k, k2, _, _, left, right = two_cameras()
-    found = geometry.relative_pose(left[:4], right[:4], (k, k2), 1.0)
-    assert isinstance(found, Failed)
-    assert "there are 4" in found.reason
+@pytest.mark.parametrize("seed", range(3))
+def test_eight_points_fit_exact_ones(seed: int) -> None:
+    k, k2, turn, translation, left, right = two_cameras(seed)
+    truth = np.linalg.inv(k2).T @ geometry.cross_matrix(translation) @ turn @ np.linalg.inv(k)
+    found = geometry.eight_points(left, right)
+    truth = truth / np.linalg.norm(truth)
+    assert min(np.abs(found - truth).max(), np.abs(found + truth).max()) < 1e-8
+    assert abs(np.linalg.det(found)) < 1e-15

@@ -1,19 +1,31 @@
-"""The command line: `zpm2 match`, `demo`, `doctor`, `weights`."""
+"""The command line: `zpm2 match`, `pose`, `eval`, `demo`, `doctor`, `weights`."""
 
 import json
-import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from zpm2._version import __version__
+from zpm2.console import (
+    AsJson,
+    ConfigFile,
+    Device,
+    Preset,
+    Quiet,
+    Seed,
+    Settings,
+    WeightsDir,
+    bars,
+    configure,
+    fresh_folder,
+    use_weights,
+)
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.eval_cli import evaluate
 from zpm2.methods import check_method, open_method
+from zpm2.pose_cli import pose
 from zpm2.weights_cli import app as weights_app
 
 if TYPE_CHECKING:
@@ -26,22 +38,12 @@ app = typer.Typer(
 )
 app.add_typer(weights_app, name="weights")
 app.command("eval")(evaluate)
+app.command("pose")(pose)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 SEGMENTERS = ("mobile_sam", "vit_b", "vit_l", "vit_h", "precomputed")
-
-Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")]
-Device = Annotated[str | None, typer.Option(help="auto, cpu or cuda.  [default: auto]")]
-Seed = Annotated[
-    int | None, typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]")
-]
-WeightsDir = Annotated[Path | None, typer.Option(help="A folder with your own copies of the weights.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 
 
 def main() -> None:
@@ -109,8 +111,6 @@ def match_command(
 
     Writes matches.json, left.geojson, right.geojson and overlay.png.
     """
-    from zpm2.io.files import output_folder
-
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
@@ -122,23 +122,15 @@ def match_command(
         "device": device,
         "seed": seed,
     }
-    config = _config(preset, config_file, settings, options)
+    config = configure(preset, config_file, settings, options)
     own = _own_regions(segmenter, left_regions, right_regions, config)
-    _use_weights(weights_dir)
-    fresh = not out.exists()
-    output_folder(out, (left, right))
-    try:
-        with _progress(quiet or as_json) as (progress, say):
-            matcher = open_method(method, config, segmenter=own, progress=progress, say=say)
-            result = matcher(left, right)
-            result = result.flatten() if non_overlapping else result
-            result = result.with_outlines() if outlines else result
-            result.save(out)
-    except Zpm2Error:
-        if fresh:
-            with suppress(OSError):  # not empty: somebody else put something there
-                out.rmdir()
-        raise
+    use_weights(weights_dir)
+    with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
+        matcher = open_method(method, config, segmenter=own, progress=progress, say=say)
+        result = matcher(left, right)
+        result = result.flatten() if non_overlapping else result
+        result = result.with_outlines() if outlines else result
+        result.save(out)
     _report(result, out, quiet, as_json)
 
 
@@ -160,10 +152,10 @@ def demo(
     from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
-    config = _config(preset, None, settings, {"device": device, "seed": seed})
-    _use_weights(weights_dir)
+    config = configure(preset, None, settings, {"device": device, "seed": seed})
+    use_weights(weights_dir)
     folder = output_folder(out)
-    with _progress(quiet or as_json) as (progress, say):
+    with bars(quiet or as_json) as (progress, say):
         progress("render", 0.0)
         scene = render_scene(config.seed)
         for name, pixels in (("left", scene.left), ("right", scene.right)):
@@ -187,7 +179,7 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
     """Versions, devices, cache and weights: what to send along with a question."""
     from zpm2.doctor import examine
 
-    _use_weights(weights_dir)
+    use_weights(weights_dir)
     findings = examine()
     if as_json:
         print(json.dumps(findings, indent=1))
@@ -196,17 +188,6 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
         print(section)
         for name, value in values.items():
             print(f"  {name:<24} {value}")
-
-
-def _config(preset: str, file: Path | None, settings: list[str] | None, options: dict[str, Any]) -> "Config":
-    """The preset, under the file, under the settings, under those `options` that were given (are not None)."""
-    from zpm2 import config
-
-    chosen = config.preset(preset)
-    if file is not None:
-        chosen = config.load(file, chosen)
-    given = [f"{name}={value}" for name, value in options.items() if value is not None]
-    return config.assign(chosen, [*(settings or []), *given])
 
 
 def _own_regions(
@@ -220,35 +201,6 @@ def _own_regions(
 
     sides = [PrecomputedSegmenter(path, config.vectorize, config.segment.min_area) for path in (left, right)]
     return sides[0], sides[1]
-
-
-def _use_weights(directory: Path | None) -> None:
-    if directory is not None:
-        if not directory.is_dir():
-            raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
-        os.environ["ZPM2_WEIGHTS"] = str(directory)
-
-
-@contextmanager
-def _progress(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[[str], None]]]:
-    """A bar per stage on stderr, where that is a terminal, and a voice for single lines; both mute when `silent`."""
-    if silent:
-        yield lambda stage, share: None, lambda text: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        tasks: dict[str, Any] = {}
-
-        def progress(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            bars.update(tasks[stage], completed=share)
-
-        yield progress, console.print
 
 
 def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:

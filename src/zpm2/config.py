@@ -49,6 +49,7 @@ class PointsConfig:
     max_keypoints: int = 4096  # per image and method
     max_size: int = 1600  # px, the longer image side given to learned detectors; points come back in original px
     min_score: float = 0.1  # 0..1, the matcher's own
+    look_again: bool = False  # smaller and turned, where few points agree on one geometry
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,20 @@ class GuidedConfig:
 
 
 @dataclass(frozen=True)
+class PoseConfig:
+    """Relative pose from matched polygons (paper 3.5.1)."""
+
+    estimator: Literal["opencv", "poselib", "auto"] = "opencv"  # MAGSAC++; LO-RANSAC; auto: poselib if it is there
+    noise_px: float = 1.0  # px, threshold of the estimator; more where images were reduced to points.max_size
+    points: Literal["regions", "all"] = "regions"  # of the whole images: those in matched regions (M1 filtered), or all
+    crops: Literal["boxes", "rectified", "off"] = "boxes"  # M2: boxes of both polygons, or the right one as the left
+    crop_size: int = 480  # px, side of a crop
+    crop_points: int = 512  # per crop
+    max_crops: int = 40  # of rectified crops, the surest matches first
+    bucket: int = 0  # points kept in each of 8 x 8 cells of the left image, best first; 0: all
+
+
+@dataclass(frozen=True)
 class Config:
     """The whole method."""
 
@@ -104,6 +119,7 @@ class Config:
     global_match: GlobalConfig = field(default_factory=GlobalConfig)
     local_match: LocalConfig = field(default_factory=LocalConfig)
     guided: GuidedConfig = field(default_factory=GuidedConfig)
+    pose: PoseConfig = field(default_factory=PoseConfig)
     seed: int = 0
     device: str = "auto"  # auto, cpu, cuda
 
@@ -267,7 +283,9 @@ PRESETS: dict[str, Config] = {
     "paper": Config(),
     "default": Config(
         segment=SegmentConfig(quality="fast"),
+        points=PointsConfig(look_again=True),
         local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
         guided=GuidedConfig(direction="both"),
+        pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),
     ),
 }

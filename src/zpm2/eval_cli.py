@@ -1,5 +1,6 @@
 """`zpm2 eval`: a data set through the method, scored against its ground truth."""
 
+import functools
 import itertools
 import json
 import shlex
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from zpm2.config import Config
     from zpm2.evaluate.kept import KeptRegions
     from zpm2.evaluate.pairs import EvalPair
-    from zpm2.evaluate.predictions import Matcher
+    from zpm2.evaluate.predictions import Matcher, Posed
+    from zpm2.pose import PoseResult
     from zpm2.result import MatchResult
 
 
@@ -64,7 +66,9 @@ def evaluate(
         kept = KeptRegions(regions) if regions else None
         source = str(regions.resolve()) if regions else None
         predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
-        predictions.predict(pairs, lambda: _matcher(method, config, kept), out, lambda text: tell("matched", text))
+        posed = _posed(config) if method == "zpm2" else lambda pair, result: None
+        matcher = functools.partial(_matcher, method, config, kept)
+        predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed)
     tell = _teller(len(pairs), quiet)
     rows = report.collect(pairs, out, lambda text: tell("scored", text))
     made_by = shlex.join(["zpm2", *sys.argv[1:]])
@@ -86,6 +90,21 @@ def _matcher(method: str, config: "Config", kept: "KeptRegions | None") -> "Matc
         if kept:
             kept.turn_to(pair)
         return match(pair.left, pair.right)
+
+    return of
+
+
+def _posed(config: "Config") -> "Posed":
+    """The pose of a pair of which the cameras are known."""
+    from zpm2.evaluate.pairs import PoseTruth
+    from zpm2.evaluate.report import cameras_of
+    from zpm2.pose import PoseFinder
+    from zpm2.regions import resolve_device
+
+    finder = PoseFinder(config, device=resolve_device(config.device))
+
+    def of(pair: "EvalPair", result: "MatchResult") -> "PoseResult | None":
+        return finder(result, cameras_of(result, pair.truth)) if isinstance(pair.truth, PoseTruth) else None
 
     return of
 

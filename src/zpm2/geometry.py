@@ -96,29 +96,53 @@ def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tu
     return matrix / matrix[2, 2], inliers
 
 
-def relative_pose(
-    left: Array, right: Array, intrinsics: tuple[Array, Array], threshold: float, seed: int = 0
-) -> tuple[Array, Array, NDArray[np.bool_]] | Failed:
-    """R (3 x 3), t (3,) of unit length and the (n,) inliers: X_right = R X_left + s t for some s > 0.
+def essential_matrix(
+    left: Array, right: Array, threshold: float, seed: int = 0
+) -> tuple[Array, NDArray[np.bool_]] | Failed:
+    """E (3 x 3) and the (n,) inliers, or why there is none: r_right^T E r_left = 0.
 
-    E by the five-point algorithm in MAGSAC++, R and t by cheirality. `intrinsics` are K of the left and right image
-    (3 x 3, pixel centres at +0.5), `threshold` is in px.
+    By the five-point algorithm in MAGSAC++. Homologous rays (n, 2) are x / z, y / z of each camera, `threshold` is in
+    the same units (px / focal length).
     """
-    if len(left) < 6:
-        return Failed(f"a relative pose is trusted from 6 homologous points on, there are {len(left)}")
-    rays = [(homogeneous(p) @ np.linalg.inv(k).T)[:, :2] for p, k in zip((left, right), intrinsics, strict=True)]
-    focal = float(np.mean([k[[0, 1], [0, 1]] for k in intrinsics]))
     find: Any = cv2.findEssentialMat
     matrix, mask = _usac(
-        lambda a, b, p: find(a, b, np.eye(3), np.eye(3), None, None, p), rays[0], rays[1], threshold / focal, seed
+        lambda a, b, params: find(a, b, np.eye(3), np.eye(3), None, None, params), left, right, threshold, seed
     )
     if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no essential matrix fits the homologous points")
-    recover: Any = cv2.recoverPose
-    count, rotation, translation, front = recover(matrix[:3], rays[0], rays[1], np.eye(3), mask=mask.copy())
-    if count < 5:
-        return Failed(f"only {count} of {len(left)} homologous points lie before both cameras")
-    return rotation, translation.ravel(), front.ravel().astype(bool)
+    return matrix[:3], mask.ravel().astype(bool)
+
+
+def in_front(rotation: Array, translation: Array, left: Array, right: Array) -> NDArray[np.bool_]:
+    """(n,) whether homologous rays (n, 2) meet before both cameras."""
+    a, b = homogeneous(left) @ rotation.T, homogeneous(right)
+    # depths from s a + t = z b in the least-squares sense
+    aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
+    at, bt = a @ translation, b @ translation
+    scale = aa * bb - ab**2
+    return np.asarray((ab * bt - bb * at > 0) & (aa * bt - ab * at > 0) & (scale > 0))
+
+
+def eight_points(left: Array, right: Array) -> Array:
+    """F (3 x 3, norm 1, rank 2) of (n, 2) points, n >= 8, all of them inliers: the normalised eight-point algorithm
+    (Hartley, PAMI 1997)."""
+    moves = []
+    for points in (left, right):
+        middle = points.mean(0)
+        scale = np.sqrt(2) / max(float(np.linalg.norm(points - middle, axis=1).mean()), 1e-300)
+        moves.append(np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1.0]]))
+    a, b = (homogeneous(points) @ move.T for points, move in zip((left, right), moves, strict=True))
+    rows = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
+    matrix = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+    u, singular, v = np.linalg.svd(matrix)
+    matrix = moves[1].T @ (u @ np.diag([singular[0], singular[1], 0.0]) @ v) @ moves[0]
+    return np.asarray(matrix / np.linalg.norm(matrix))
+
+
+def cross_matrix(vector: Array) -> Array:
+    """(3, 3) [v]x: its product with w is the cross product of v (3,) and w."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:

@@ -101,6 +101,20 @@ class MatchResult:
         ]
         return dataclasses.replace(self, matches=matches)
 
+    def matched_polygons(self) -> tuple[list[Polygon], list[Polygon]]:
+        """The left and the right polygon of each match, in the order of `matches`."""
+        pairs = self._pairs()
+        return [left for left, _ in pairs], [right for _, right in pairs]
+
+    def maps(self) -> NDArray[np.float64]:
+        """(n, 3, 3) where a point of each match's left polygon should be: right ~ map @ left, image px
+        (`local_match.pair_map`)."""
+        return self._maps(self._pairs())
+
+    def images(self) -> tuple[Image, Image]:
+        """The photographs; `InputError` for a loaded result of which they are no longer where they were."""
+        return _pixels(self.left, "left"), _pixels(self.right, "right")
+
     def _pairs(self) -> list[tuple[Polygon, Polygon]]:
         """The polygons of each match."""
         left, right = ({polygon.id: polygon for polygon in side.polygons} for side in (self.left, self.right))
@@ -150,7 +164,7 @@ class MatchResult:
 
         `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
-        left, right = _pixels(self.left, "left"), _pixels(self.right, "right")
+        left, right = self.images()
         pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width)
         return PIL.Image.fromarray(pixels)
 

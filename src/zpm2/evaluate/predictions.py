@@ -12,9 +12,11 @@ from zpm2._version import __version__
 from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
 
 Matcher = Callable[[EvalPair], MatchResult]
+Posed = Callable[[EvalPair, MatchResult], PoseResult | None]
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,15 @@ def folder_of(pair: EvalPair, out: Path) -> Path:
     return out / "predictions" / pair.name
 
 
-def predict(pairs: Iterable[EvalPair], matcher: Callable[[], Matcher], out: Path, tell: Callable[[str], None]) -> None:
-    """Match every pair that has no prediction in `out` yet. `matcher` is called once, if there is anything to do.
+def predict(
+    pairs: Iterable[EvalPair],
+    matcher: Callable[[], Matcher],
+    out: Path,
+    tell: Callable[[str], None],
+    posed: Posed = lambda pair, result: None,
+) -> None:
+    """Match every pair that has no prediction in `out` yet. `matcher` is called once, if there is anything to do, and
+    `posed` for each result; a pose that it gives is kept too.
 
     A pair whose photographs cannot be read is remembered as failed, with the reason, and tried again by the next run.
     `matches.json` is written last, so an interruption loses the pair in work and nothing else.
@@ -59,7 +68,11 @@ def predict(pairs: Iterable[EvalPair], matcher: Callable[[], Matcher], out: Path
             continue
         match = match or matcher()
         try:
-            match(pair).save(folder)
+            result = match(pair)
+            pose = posed(pair, result)
+            if pose is not None:
+                pose.save(folder)
+            result.save(folder)
         except InputError as error:
             atomic_write(output_folder(folder) / "failed.json", json.dumps({"reason": str(error)}))
             tell(f"{pair.name}: {error}")
@@ -80,6 +93,12 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
     if (folder / "failed.json").exists():
         return str(_read_json(folder / "failed.json")["reason"])
     return None
+
+
+def load_pose(pair: EvalPair, out: Path) -> dict[str, Any] | None:
+    """The content of the `pose.json` of a pair, where one was predicted."""
+    file = folder_of(pair, out) / "pose.json"
+    return _read_json(file) if file.exists() else None
 
 
 def memory(pair: EvalPair, out: Path) -> float | None:

@@ -1,6 +1,7 @@
 """From predictions to rows, and from rows to the tables that people read. Needs no models."""
 
 import csv
+import dataclasses
 import io
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -9,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from zpm2 import geometry
+from zpm2.config import Config
 from zpm2.errors import Failed, InputError, MissingDependency
 from zpm2.evaluate import predictions
 from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.io.files import atomic_write
+from zpm2.model import Camera
+from zpm2.pose import PoseFinder
 from zpm2.result import MatchResult
 
-POSE_PX = 1.0  # px, MAGSAC++ threshold of E
 COUNTS = ("good", "scored", "unscored", "gt")
 SHARES = ("MAS", "P", "R", "F1", "ACR", "AOR", "CCR", "CCR5")  # of `Scores.to_dict`, means are taken over pairs
 PAPER = ("P", "R", "F1", "ACR")  # by the paper's ground truth too
@@ -29,8 +31,9 @@ def row(pair: EvalPair, out: Path) -> Row:
     """Everything that is known about the prediction of one pair. `status` is "ok", "missing", or why there is less.
 
     Dense truth: the figures of `Scores` at 0.5, MAS at 0.4, 0.5 and 0.8, and P_paper, R_paper and ACR_paper by the
-    paper's ground truth of projected centres. Pose truth (RGB-D pairs too): errors of R
-    and t in degrees, of the pose that all homologous points give without any polygon (five-point, MAGSAC++).
+    paper's ground truth of projected centres. Pose truth (RGB-D pairs too): errors of R and t in degrees, of the pose
+    that was predicted, and (`_points`) of the one that the homologous points give without any polygon, by the same
+    estimator.
     """
     result = predictions.load(pair, out)
     if not isinstance(result, MatchResult):
@@ -41,7 +44,7 @@ def row(pair: EvalPair, out: Path) -> Row:
     values |= {f"s_{stage}": seconds for stage, seconds in result.timings.items()}
     values |= {"seconds": sum(result.timings.values()), "peak_mb": predictions.memory(pair, out)}
     if isinstance(pair.truth, PoseTruth):
-        values |= _pose(result, pair.truth)
+        values |= _pose(result, predictions.load_pose(pair, out), pair.truth)
     if pair.truth is not None and type(pair.truth) is not PoseTruth:
         try:
             values |= _dense(result, pair.truth)
@@ -59,18 +62,42 @@ def _dense(result: MatchResult, truth: Any) -> Row:
     return figures | {f"{name}_paper": centers[name] for name in PAPER}
 
 
-def _pose(result: MatchResult, truth: PoseTruth) -> Row:
-    pose = geometry.relative_pose(result.points.left, result.points.right, truth.intrinsics, POSE_PX)
-    if isinstance(pose, Failed):
-        return {"error_R": float("inf"), "error_t": float("inf")}
-    error = pose_error(pose[0], pose[1], truth.pose)
-    return {"error_R": error[0], "error_t": error[1]}
+def _pose(result: MatchResult, predicted: Mapping[str, Any] | None, truth: PoseTruth) -> Row:
+    config = Config.from_dict({k: v for k, v in result.config.items() if k in ("pose", "points", "seed")})
+    plain = dataclasses.replace(config.pose, points="all", crops="off")
+    found = PoseFinder(dataclasses.replace(config, pose=plain))(result, cameras_of(result, truth))
+    pose = found.pose
+    errors = _pose_errors(None if isinstance(pose, Failed) else (pose.rotation, pose.translation), truth)
+    figures: Row = {"error_R_points": errors[0], "error_t_points": errors[1]}
+    if predicted is not None:
+        motion = predicted["pose"]
+        errors = _pose_errors(None if motion is None else (motion["rotation"], motion["translation"]), truth)
+        figures |= {"error_R": errors[0], "error_t": errors[1]}
+        figures |= {"pose_points": predicted["counts"]["used"], "pose_inliers": predicted["counts"]["inliers"]}
+        figures |= {"pose_flags": " ".join(motion["flags"]) if motion else "failed"}
+        figures["s_pose"] = sum(predicted["timings"].values())
+    return figures
+
+
+def _pose_errors(motion: tuple[Any, Any] | None, truth: PoseTruth) -> tuple[float, float]:
+    """Degrees of R and t; infinity where there is no pose, or no translation."""
+    if motion is None or motion[1] is None:
+        return float("inf"), float("inf")
+    return pose_error(np.asarray(motion[0]), np.asarray(motion[1]), truth.pose)
+
+
+def cameras_of(result: MatchResult, truth: PoseTruth) -> tuple[Camera, Camera]:
+    """The cameras of a pair with a known pose."""
+    left, right = truth.intrinsics
+    return Camera(left, (result.left.width, result.left.height)), Camera(
+        right, (result.right.width, result.right.height)
+    )
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Sums, means over pairs and AUC of the pairs that have them. Failed pairs are counted, not averaged."""
     done = [r for r in rows if "matches" in r]
-    dense, posed = [r for r in done if "MAS" in r], [r for r in done if "error_R" in r]
+    dense = [r for r in done if "MAS" in r]
     found: dict[str, Any] = {
         "pairs": len(rows),
         "done": len(done),
@@ -84,9 +111,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     names = (*(f"MAS{round(100 * t)}" for t in THRESHOLDS), *SHARES[1:], *(f"{name}_paper" for name in PAPER))
     found |= {name: _mean(dense, name) for name in names if dense}
     found |= {name: _mean(done, name) for name in _stages(done)}
-    if posed:
-        auc = pose_auc([(r["error_R"], r["error_t"]) for r in posed])
-        found |= {"posed": len(posed), **{f"AUC{t}": value for t, value in zip((5, 10, 20), auc, strict=True)}}
+    for kind in ("", "_points"):
+        posed = [r for r in done if f"error_R{kind}" in r]
+        if posed:
+            auc = pose_auc([(r[f"error_R{kind}"], r[f"error_t{kind}"]) for r in posed])
+            found[f"posed{kind}"] = len(posed)
+            found |= {f"AUC{t}{kind}": value for t, value in zip((5, 10, 20), auc, strict=True)}
     return found
 
 
@@ -98,7 +128,7 @@ def markdown(title: str, rows: Sequence[Row], made_by: str) -> str:
     if problems:
         parts += ["## Problems", "\n".join(problems)]
     columns = ["pair", "left", "right", "matches", "good", "scored", "gt", "MAS", "P", "R", "CCR", "CCR5"]
-    columns += ["error_R", "error_t", "seconds", "peak_mb"]
+    columns += ["error_R", "error_t", "error_R_points", "error_t_points", "pose_flags", "seconds", "peak_mb"]
     columns = [c for c in columns if any(c in r for r in rows)]
     parts += ["## Pairs", table(columns, [[r.get(c) for c in columns] for r in rows])]
     return "\n\n".join(parts) + "\n"

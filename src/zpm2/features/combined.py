@@ -29,12 +29,14 @@ class Combined:
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`. Ordered by method, then as the method gives them."""
-        found = [m.match(left, right) for m in self.matchers]
-        together = PointMatches(
-            np.concatenate([f.left for f in found]),
-            np.concatenate([f.right for f in found]),
-            np.concatenate([f.score for f in found]),
-        )
+        return self._together([m.match(left, right) for m in self.matchers])
+
+    def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
+        """See `PointMatcher.match_many`."""
+        return [self._together(found) for found in zip(*(m.match_many(pairs) for m in self.matchers), strict=True)]
+
+    def _together(self, found: Sequence[PointMatches]) -> PointMatches:
+        together = PointMatches.join(found)
         together = together[together.score >= self.min_score]
         return together[distinct(together, SAME_PX)]
 

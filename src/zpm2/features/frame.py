@@ -20,6 +20,7 @@ class Frame:
 
     pixels: torch.Tensor  # (1, 3, h, w) float32 RGB 0..1, sides multiples of `MULTIPLE`
     scale: NDArray[np.float64]  # (2,) network px per original px, along x and y
+    size: tuple[int, int]  # (width, height) of the original image, px
     useful: torch.Tensor  # (h, w) bool: pixels of the image (not its padding) with something to see around them
 
     def to_image(self, points: torch.Tensor) -> NDArray[np.float64]:
@@ -54,7 +55,12 @@ def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
     rgb = cv2.copyMakeBorder(rgb, 0, below, 0, right, cv2.BORDER_REPLICATE)
     pixels = torch.from_numpy(rgb).to(device).permute(2, 0, 1)[None].float() / 255.0
     scale = np.array([width / image.width, height / image.height])
-    return Frame(pixels, scale, torch.from_numpy(np.pad(useful, ((0, below), (0, right)))).to(device))
+    return Frame(
+        pixels,
+        scale,
+        (image.width, image.height),
+        torch.from_numpy(np.pad(useful, ((0, below), (0, right)))).to(device),
+    )
 
 
 def _has_contrast(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:

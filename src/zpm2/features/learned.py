@@ -2,8 +2,9 @@
 IEEE TIM 2023) and SuperPoint (DeTone et al., CVPRW 2018) behind one class, with the settings LightGlue was trained for.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 import torch
@@ -12,12 +13,13 @@ from kornia.feature import ALIKED, DISK
 from zpm2 import weights
 from zpm2.features import superpoint
 from zpm2.features import xfeat as xfeat_network
-from zpm2.features.frame import frame
+from zpm2.features.frame import Frame, frame
 from zpm2.features.protocol import Features
 from zpm2.model import Image
 
-# (1, 3, h, w) RGB 0..1 -> (n, 2) px with pixel centres at 0, (n, d) unit descriptors, (n,) scores
-Extract = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor, torch.Tensor]]
+# (b, 3, h, w) RGB 0..1 -> of each image (n, 2) px with pixel centres at 0, (n, d) unit descriptors, (n,) scores
+Extract = Callable[[torch.Tensor], list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]]
+BATCH = 16  # crops at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,16 +30,28 @@ class NetworkDetector:
     max_size: int  # px, longer side
     device: str
 
-    def detect(self, image: Image) -> Features:
-        shot = frame(image, self.max_size, self.device)
+    def detect(self, images: Sequence[Image]) -> list[Features]:
+        found: list[Features] = []
+        for start in range(0, len(images), BATCH):
+            shots = [frame(image, self.max_size, self.device) for image in images[start : start + BATCH]]
+            for _, alike in groupby(shots, lambda shot: shot.pixels.shape):
+                found += self._detect(list(alike))
+        return found
+
+    def _detect(self, shots: list[Frame]) -> list[Features]:
+        """Of frames of one size."""
         with torch.inference_mode():
-            points, descriptors, scores = self.extract(shot.pixels)
-            keep = shot.is_useful(points)
+            found = self.extract(torch.cat([shot.pixels for shot in shots]))
+            return [self._features(shot, *of) for shot, of in zip(shots, found, strict=True)]
+
+    @staticmethod
+    def _features(shot: Frame, points: torch.Tensor, descriptors: torch.Tensor, scores: torch.Tensor) -> Features:
+        keep = shot.is_useful(points)
         return Features(
             shot.to_image(points[keep]),
             np.ascontiguousarray(descriptors[keep].float().cpu().numpy()),
             scores[keep].double().cpu().numpy(),
-            (image.width, image.height),
+            shot.size,
         )
 
 
@@ -53,9 +67,8 @@ def disk(limit: int, device: str, progress: weights.Progress | None) -> Extract:
     network.load_state_dict(weights.load_state_dict("disk", progress=progress), strict=True)
     network.eval().to(device)
 
-    def extract(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        found = network(pixels, n=limit)[0]
-        return found.keypoints, found.descriptors, found.detection_scores
+    def extract(pixels: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+        return [(f.keypoints, f.descriptors, f.detection_scores) for f in network(pixels, n=limit)]
 
     return extract
 
@@ -72,9 +85,8 @@ def aliked(model: str, limit: int, device: str, progress: weights.Progress | Non
     network.load_state_dict(state, strict=True)
     network.eval().to(device)
 
-    def extract(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        found = network(pixels)[0]
-        return found.keypoints, found.descriptors, found.keypoint_scores
+    def extract(pixels: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+        return [(f.keypoints, f.descriptors, f.keypoint_scores) for f in network(pixels)]
 
     return extract
 
@@ -86,7 +98,7 @@ def superpoint_v1(limit: int, device: str, progress: weights.Progress | None) ->
     network.eval().to(device)
     luma = torch.tensor([0.299, 0.587, 0.114], device=device).view(1, 3, 1, 1)
 
-    def extract(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def extract(pixels: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
         return superpoint.extract(network, (pixels * luma).sum(1, keepdim=True), limit)
 
     return extract

@@ -1,21 +1,25 @@
 """Point matchers by name."""
 
+import dataclasses
 from difflib import get_close_matches
+from functools import cache
 
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError
 from zpm2.features.combined import Combined
+from zpm2.features.look_again import LookAgain
 from zpm2.features.protocol import PointMatcher, SparseMatcher
 from zpm2.features.sift import RatioMatcher, SiftDetector
 from zpm2.weights import Progress
 
+AGAIN = 2048  # points an image in each further look (`look_again`)
 METHODS = ("sift", "xfeat", "xfeat-dense", "disk", "aliked", "aliked-n16rot", "aliked-n32", "superpoint")
 
 
-def create(config: PointsConfig, device: str = "cpu", progress: Progress | None = None) -> Combined:
+def create(config: PointsConfig, device: str = "cpu", progress: Progress | None = None) -> PointMatcher:
     """The matcher that `config` describes: one method, or several with their matches together.
 
-    `device` is "cpu" or "cuda"; SIFT always runs on the CPU. No method draws a random number.
+    `device` is "cpu" or "cuda"; SIFT always runs on the CPU. The same images always give the same points.
     `progress` is told how downloads get on. Raises `ConfigError` for a name that is not in
     `METHODS`, before anything is loaded, and `WeightsError` where weights cannot be had.
     """
@@ -24,6 +28,14 @@ def create(config: PointsConfig, device: str = "cpu", progress: Progress | None 
             close = get_close_matches(name, METHODS, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
             raise ConfigError(f"unknown point method '{name}'{hint}; methods are: {', '.join(METHODS)}")
+    matcher = _combined(config, device, progress)
+    if not config.look_again:
+        return matcher
+    fewer = dataclasses.replace(config, max_keypoints=min(config.max_keypoints, AGAIN))
+    return LookAgain(matcher, cache(lambda: _combined(fewer, device, progress)), config.max_size)
+
+
+def _combined(config: PointsConfig, device: str, progress: Progress | None) -> Combined:
     return Combined([_build(name, config, device, progress) for name in config.methods], config.min_score)
 
 

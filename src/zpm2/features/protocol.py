@@ -1,5 +1,6 @@
 """What a point matcher is: images in, homologous points out; and the two halves of a sparse one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,6 +25,10 @@ class PointMatcher(Protocol):
         """
         ...
 
+    def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
+        """The same of many small pairs (crops), which networks look at together."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Features:
@@ -41,7 +46,9 @@ class Features:
 class Detector(Protocol):
     """First half of a sparse matcher: finds and describes points of one image."""
 
-    def detect(self, image: Image) -> Features: ...
+    def detect(self, images: Sequence[Image]) -> list[Features]:
+        """The points of each image."""
+        ...
 
 
 class FeatureMatcher(Protocol):
@@ -65,7 +72,14 @@ class SparseMatcher:
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`."""
-        a, b = self.detector.detect(left), self.detector.detect(right)
+        return self._pair(*self.detector.detect([left]), *self.detector.detect([right]))
+
+    def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
+        """See `PointMatcher.match_many`."""
+        found = self.detector.detect([image for pair in pairs for image in pair])
+        return [self._pair(a, b) for a, b in zip(found[::2], found[1::2], strict=True)]
+
+    def _pair(self, a: Features, b: Features) -> PointMatches:
         if not len(a) or not len(b):
             return PointMatches.empty()
         rows, scores = self.matcher.pair(a, b)

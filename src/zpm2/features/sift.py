@@ -1,5 +1,6 @@
 """SIFT (Lowe, IJCV 2004): OpenCV's detector and a mutual nearest neighbour search with the ratio test. No weights."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -25,7 +26,10 @@ class SiftDetector:
 
     max_keypoints: int
 
-    def detect(self, image: Image) -> Features:
+    def detect(self, images: Sequence[Image]) -> list[Features]:
+        return [self._detect(image) for image in images]
+
+    def _detect(self, image: Image) -> Features:
         sift = cv2.SIFT.create(nfeatures=self.max_keypoints, contrastThreshold=CONTRAST, enable_precise_upscale=True)
         found, raw = sift.detectAndCompute(np.rint(image.gray).astype(np.uint8), None)
         if raw is None:

@@ -35,22 +35,32 @@ class SuperPoint(nn.Module):
         return F.pixel_shuffle(cells, CELL)[:, 0], descriptors
 
 
-def extract(network: SuperPoint, gray: torch.Tensor, limit: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The `limit` best points of a (1, 1, h, w) image: (n, 2) px, centres at 0; (n, 256) unit; (n,) probability.
+def extract(
+    network: SuperPoint, gray: torch.Tensor, limit: int
+) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+    """The `limit` best points of each of (b, 1, h, w) images: (n, 2) px, centres at 0; (n, 256) unit; (n,) probability.
 
     Points are maxima of their (2 RADIUS + 1)^2 window. Descriptors are read bilinearly (the paper: bicubically) at the
     point itself, cell (j, i) being centred on pixel corner (8 i + 4, 8 j + 4).
     """
-    probability, descriptors = network(gray)
-    height, width = probability.shape[1:]
-    peak = F.max_pool2d(probability, 2 * RADIUS + 1, stride=1, padding=RADIUS) == probability
+    return [_points(probability, maps, limit) for probability, maps in zip(*network(gray), strict=True)]
+
+
+def _points(
+    probability: torch.Tensor, descriptors: torch.Tensor, limit: int
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Of one image: (h, w) and (256, h / 8, w / 8)."""
+    height, width = probability.shape
+    peak = F.max_pool2d(probability[None], 2 * RADIUS + 1, stride=1, padding=RADIUS) == probability[None]
     y, x = torch.nonzero((peak & (probability > THRESHOLD))[0], as_tuple=True)
     inner = (x >= RADIUS) & (x < width - RADIUS) & (y >= RADIUS) & (y < height - RADIUS)
     y, x = y[inner], x[inner]
-    scores, best = torch.sort(probability[0, y, x], descending=True, stable=True)
+    scores, best = torch.sort(probability[y, x], descending=True, stable=True)
     points = torch.stack([x, y], 1)[best[:limit]].float()
     grid = (points + 0.5) / points.new_tensor([width, height]) * 2.0 - 1.0
-    read = F.grid_sample(descriptors, grid[None, None], mode="bilinear", align_corners=False, padding_mode="border")
+    read = F.grid_sample(
+        descriptors[None], grid[None, None], mode="bilinear", align_corners=False, padding_mode="border"
+    )
     return points, F.normalize(read[0, :, 0].T, dim=1), scores[:limit]
 
 

@@ -22,29 +22,39 @@ def load(device: str, progress: weights.Progress | None) -> XFeatModel:
     return network.eval().to(device)
 
 
-def extract(network: XFeatModel, pixels: torch.Tensor, limit: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """The `limit` best points of a (1, 3, h, w) image: (n, 2) px, centres at 0; (n, 64) unit descriptors; (n,) scores.
+def extract(
+    network: XFeatModel, pixels: torch.Tensor, limit: int
+) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+    """The `limit` best points of each of (b, 3, h, w) images: (n, 2) px, centres at 0; (n, 64) unit descriptors; (n,)
+    scores.
 
     Points are the maxima of the probability, moved to its centre of mass over 3 x 3 px: on real stereo pairs this takes
     the matches within 1 px of the truth from a third to nearly a half. The score is probability times reliability.
     """
-    maps, logits, reliability = network(pixels)
+    each = (torch.split(maps, 1) for maps in network(pixels))
+    return [_points(maps, logits, reliability, limit) for maps, logits, reliability in zip(*each, strict=True)]
+
+
+def _points(
+    maps: torch.Tensor, logits: torch.Tensor, reliability: torch.Tensor, limit: int
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Of one image: (1, 64, h / 8, w / 8), (1, 65, h / 8, w / 8), (1, 1, h / 8, w / 8)."""
     probability = F.pixel_shuffle(logits.softmax(1)[:, : CELL * CELL], CELL)
     peak = nms2d(probability, (WINDOW, WINDOW), mask_only=True) & (probability > THRESHOLD)
     y, x = torch.nonzero(peak[0, 0], as_tuple=True)
     corners = torch.stack([x, y], 1).float()
-    scores = probability[0, 0, y, x] * _read(reliability, corners, pixels, "bilinear")[:, 0]
+    scores = probability[0, 0, y, x] * _read(reliability, corners, "bilinear")[:, 0]
     scores, best = torch.sort(scores, descending=True, stable=True)
     best = best[:limit]
     points = corners[best] + _centre_of_mass(probability[0, 0], y[best], x[best])
-    descriptors = _read(F.normalize(maps, dim=1), points, pixels, "bicubic")
+    descriptors = _read(F.normalize(maps, dim=1), points, "bicubic")
     return points, F.normalize(descriptors, dim=1), scores[:limit]
 
 
-def _read(maps: torch.Tensor, points: torch.Tensor, pixels: torch.Tensor, mode: str) -> torch.Tensor:
+def _read(maps: torch.Tensor, points: torch.Tensor, mode: str) -> torch.Tensor:
     """(n, c) values of (1, c, h / 8, w / 8) maps at (n, 2) px."""
-    height, width = pixels.shape[2:]
-    grid = (points + 0.5) / points.new_tensor([width, height]) * 2.0 - 1.0
+    height, width = maps.shape[2:]
+    grid = (points + 0.5) / CELL / points.new_tensor([width, height]) * 2.0 - 1.0
     return F.grid_sample(maps, grid[None, None], mode=mode, align_corners=False)[0, :, 0].T
 
 

@@ -4,6 +4,7 @@ Written around kornia's backbone rather than its `match_xfeat_star`, which gives
 moves only the left point, which leaves it about one pixel up and to the left of where it belongs.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,10 @@ class XFeatDense:
         score = np.minimum(sure_a, sure_b)
         good = (score >= MIN_CONFIDENCE) & _within(points_a, left) & _within(points_b, right)
         return PointMatches(points_a, points_b, score)[good]
+
+    def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
+        """See `PointMatcher.match_many`."""
+        return [self.match(left, right) for left, right in pairs]
 
     def _cells(self, image: Image) -> _Cells:
         """The most reliable useful cells of the image at each of `ZOOMS`."""

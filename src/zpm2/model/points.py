@@ -1,5 +1,6 @@
 """Point correspondences between two images."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,16 @@ class PointMatches:
 
     def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "PointMatches":
         return PointMatches(self.left[rows], self.right[rows], self.score[rows])
+
+    @staticmethod
+    def join(parts: "Sequence[PointMatches]") -> "PointMatches":
+        """One after the other."""
+        parts = parts or [PointMatches.empty()]
+        return PointMatches(
+            np.concatenate([p.left for p in parts]),
+            np.concatenate([p.right for p in parts]),
+            np.concatenate([p.score for p in parts]),
+        )
 
     @staticmethod
     def empty() -> "PointMatches":

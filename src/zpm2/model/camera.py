@@ -1,0 +1,53 @@
+"""A calibrated camera."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Source = Literal["given", "exif", "estimated", "guess"]
+
+_FINE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole with the radial and tangential distortion of Brown and Conrady, as OpenCV and COLMAP have it."""
+
+    matrix: Array  # (3, 3) K, px of the original image, pixel centres at +0.5
+    size: tuple[int, int]  # (width, height) of the image, px
+    distortion: Array = field(default_factory=lambda: np.zeros(0))  # k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty: none
+    source: Source = "given"  # where the focal length comes from
+
+    @property
+    def focal(self) -> float:
+        """px, the mean of both axes."""
+        return float(self.matrix[[0, 1], [0, 1]].mean())
+
+    def rays(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) x / z, y / z in the camera's frame, without distortion."""
+        if len(points) == 0:
+            return np.zeros((0, 2))
+        if not self.distortion.any():
+            return np.asarray((np.c_[points, np.ones(len(points))] @ np.linalg.inv(self.matrix).T)[:, :2])
+        undistort: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # OpenCV 4, OpenCV 5
+        straight = undistort(
+            np.ascontiguousarray(points)[:, None],
+            self.matrix,
+            self.distortion,
+            R=np.eye(3),
+            P=np.eye(3),
+            criteria=_FINE,
+        )
+        return np.asarray(straight[:, 0], np.float64)
+
+    def pixels(self, rays: Array) -> Array:
+        """(n, 2) x / z, y / z -> (n, 2) image px, distorted."""
+        if len(rays) == 0:
+            return np.zeros((0, 2))
+        space = np.c_[rays, np.ones(len(rays))]
+        bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        return np.asarray(bent[:, 0], np.float64)

@@ -1,0 +1,23 @@
+"""Relative camera pose from matched polygons (paper 3.5.1)."""
+
+from zpm2.pose.estimators import ESTIMATORS, Motion, PoseEstimator, open_estimator
+from zpm2.pose.intrinsics import checked, from_exif, guess, read_camera
+from zpm2.pose.rectify import RectifiedPair, rectify
+from zpm2.pose.relative import PoseFinder
+from zpm2.pose.result import Pose, PoseResult
+
+__all__ = [
+    "ESTIMATORS",
+    "Motion",
+    "Pose",
+    "PoseEstimator",
+    "PoseFinder",
+    "PoseResult",
+    "RectifiedPair",
+    "checked",
+    "from_exif",
+    "guess",
+    "open_estimator",
+    "read_camera",
+    "rectify",
+]

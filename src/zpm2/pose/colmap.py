@@ -1,0 +1,91 @@
+"""A pose as COLMAP's files: a database with the verified points, and a two-view model (package pycolmap)."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zpm2.errors import Failed, InputError
+from zpm2.io.colmap import require_pycolmap
+from zpm2.io.files import output_folder
+from zpm2.model import Camera
+from zpm2.pose.result import PoseResult
+
+
+def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> Path:
+    """`database.db` and `sparse/0` (cameras, images, points in binary form) in a folder, which is returned.
+
+    names: those of the image files. The left camera is the origin; the length of the baseline is that of the result,
+    or 1. Every point of the result is a keypoint, inliers are two-view matches, and points of the model where the two
+    rays meet before both cameras. What was there of an earlier run is replaced.
+    """
+    pycolmap = require_pycolmap()
+    if isinstance(result.pose, Failed) or isinstance(result.cameras, Failed) or result.translation is None:
+        raise InputError("without a pose with a translation there is no model for COLMAP")
+    if names[0] == names[1]:
+        raise InputError(f"both images are called {names[0]}: COLMAP needs names that differ")
+    folder = output_folder(directory)
+    cameras = [_camera(pycolmap, camera, k + 1) for k, camera in enumerate(result.cameras)]
+    motion = np.c_[result.pose.rotation, result.translation]
+    _write_database(pycolmap, result, names, cameras, motion, folder / "database.db")
+    model = _model(pycolmap, result, names, cameras, motion)
+    model.write_binary(str(output_folder(folder / "sparse" / "0")))
+    return folder
+
+
+def _camera(pycolmap: Any, camera: Camera, key: int) -> Any:
+    fx, fy, cx, cy = camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+    bent = camera.distortion
+    name = "PINHOLE" if not bent.any() else "OPENCV" if len(bent) <= 4 else "FULL_OPENCV"
+    count = {"PINHOLE": 0, "OPENCV": 4, "FULL_OPENCV": 8}[name]
+    params = [fx, fy, cx, cy, *bent[:count], *[0.0] * (count - len(bent[:count]))]
+    made = pycolmap.Camera(model=name, width=camera.size[0], height=camera.size[1], params=params)
+    made.camera_id = key
+    made.has_prior_focal_length = camera.source in ("given", "exif")
+    return made
+
+
+def _write_database(
+    pycolmap: Any, result: PoseResult, names: tuple[str, str], cameras: list[Any], motion: Any, path: Path
+) -> None:
+    path.unlink(missing_ok=True)
+    database = pycolmap.Database.open(str(path))
+    try:
+        sides = result.points.points.left, result.points.points.right
+        for key, (name, camera, points) in enumerate(zip(names, cameras, sides, strict=True), 1):
+            database.write_camera(camera, use_camera_id=True)
+            database.write_image(pycolmap.Image(name=name, camera_id=key, image_id=key), use_image_id=True)
+            database.write_keypoints(key, points.astype(np.float32))
+        rows = np.arange(len(result.points), dtype=np.uint32)
+        database.write_matches(1, 2, np.c_[rows, rows])
+        kind = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+        verified = pycolmap.TwoViewGeometry(
+            config=kind, cam2_from_cam1=pycolmap.Rigid3d(motion), inlier_matches=np.c_[rows, rows][result.inliers]
+        )
+        assert not isinstance(result.pose, Failed)
+        verified.E = result.pose.essential
+        database.write_two_view_geometry(1, 2, verified)
+    finally:
+        database.close()
+
+
+def _model(pycolmap: Any, result: PoseResult, names: tuple[str, str], cameras: list[Any], motion: Any) -> Any:
+    assert not isinstance(result.cameras, Failed)
+    model = pycolmap.Reconstruction()
+    sides = result.points.points.left, result.points.points.right
+    poses = pycolmap.Rigid3d(np.eye(3, 4)), pycolmap.Rigid3d(motion)
+    for key, (name, camera, points, pose) in enumerate(zip(names, cameras, sides, poses, strict=True), 1):
+        model.add_camera_with_trivial_rig(camera)
+        image = pycolmap.Image(name=name, points2D=pycolmap.Point2DList([pycolmap.Point2D(p) for p in points]))
+        image.image_id, image.camera_id = key, key
+        model.add_image_with_trivial_frame(image, pose)
+    rows = np.flatnonzero(result.inliers)
+    rays = [camera.rays(points[rows]).T for camera, points in zip(result.cameras, sides, strict=True)]
+    space = cv2.triangulatePoints(np.eye(3, 4), motion, *rays)
+    for row, point in zip(rows, (space[:3] / space[3]).T, strict=True):
+        if np.isfinite(point).all():
+            track = pycolmap.Track([pycolmap.TrackElement(1, int(row)), pycolmap.TrackElement(2, int(row))])
+            model.add_point3D(point, track)
+    model.update_point_3d_errors()
+    return model

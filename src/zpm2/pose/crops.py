@@ -1,0 +1,135 @@
+"""The local point set M2 (paper 3.5.1): what a point matcher finds inside the boxes of each matched pair of polygons.
+
+A crop shows a polygon's box larger than the whole image does, so that a small polygon has points of its own. The right
+crop is either the box of the partner, as in the paper, or what the pair's own map makes of the left crop: then the two
+look alike, whatever the viewpoint has done to scale, roll and slant.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.features import PointMatcher
+from zpm2.model import Image, PointMatches, PolygonArrays
+
+Array = NDArray[np.float64]
+AROUND = 0.15  # of a box's longer side, added on every side
+LARGEST_ZOOM = 4.0  # crop px per image px: beyond, there is nothing more to see
+SMALLEST = 12.0  # px, the shorter side of a box that is worth a crop
+SAME = 0.7  # IoU of left boxes from which one crop shows the other's polygon too
+
+
+@dataclass(eq=False)
+class Levels:
+    """An image at its own resolution, a half, a quarter, ...; each level is made when it is first looked at."""
+
+    image: Image
+    pixels: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
+
+    def crop(self, to_image: Array, side: int) -> Image:
+        """(side, side) px of the image: crop px ~ `to_image` (3, 3) lead to image px, centres of both at +0.5."""
+        step = np.sqrt(abs(np.linalg.det(geometry.homography_jacobian(to_image, np.full((1, 2), side / 2))[0])))
+        level = int(max(0, np.floor(np.log2(max(step, 1e-6)) + 0.25)))
+        pixels = self._level(level)
+        scale = np.diag([pixels.shape[1] / self.image.width, pixels.shape[0] / self.image.height, 1.0])
+        half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+        matrix = np.linalg.inv(half) @ scale @ to_image @ half
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        cut = cv2.warpPerspective(pixels, matrix, (side, side), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return Image(np.asarray(cut, np.uint8))
+
+    def _level(self, level: int) -> NDArray[np.uint8]:
+        if level == 0:
+            return self.image.rgb
+        if level not in self.pixels:
+            size = max(1, self.image.width >> level), max(1, self.image.height >> level)
+            self.pixels[level] = np.asarray(cv2.resize(self.image.rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return self.pixels[level]
+
+
+@dataclass(frozen=True, eq=False)
+class Crops:
+    """n pairs of square crops."""
+
+    row: NDArray[np.intp]  # (n,) of the matched pairs
+    left: Array  # (n, 3, 3) crop px -> image px
+    right: Array  # (n, 3, 3)
+
+
+def boxes(left: PolygonArrays, right: PolygonArrays, side: int) -> Crops:
+    """The bounding boxes of each matched pair, as the paper takes them."""
+    rows = np.flatnonzero((_shorter(left) >= SMALLEST) & (_shorter(right) >= SMALLEST))
+    return Crops(rows, _square(left, side)[rows], _square(right, side)[rows])
+
+
+def rectified(
+    left: PolygonArrays, right: PolygonArrays, maps: Array, confidence: Array, side: int, zoom: float, most: int
+) -> Crops:
+    """Boxes of left polygons and what `maps` (n, 3, 3; right ~ map @ left) make of them in the right image.
+
+    The surest pairs first, `most` of them. Left out are boxes that the whole image showed as large (at `zoom` px per
+    image px), that a crop before them shows too, and maps that are no view of a surface (mirrored, or torn by their
+    horizon).
+    """
+    squares = _square(left, side)
+    there = maps @ squares
+    seen = 1 / squares[:, 0, 0] > 1.2 * zoom
+    usable = seen & (_shorter(left) >= SMALLEST) & (_shorter(right) >= SMALLEST) & _sane(there, side)
+    corners = left.bounds
+    chosen: list[int] = []
+    for k in np.argsort(-confidence, kind="stable"):
+        if usable[k] and len(chosen) < most and not (_overlap(corners[k], corners[chosen]) > SAME).any():
+            chosen.append(int(k))
+    rows = np.sort(np.array(chosen, np.intp))
+    return Crops(rows, squares[rows], there[rows])
+
+
+def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, side: int) -> PointMatches:
+    """Homologous points of all crops in px of the original images."""
+    left, right = Levels(images[0]), Levels(images[1])
+    pairs = [(left.crop(a, side), right.crop(b, side)) for a, b in zip(crops.left, crops.right, strict=True)]
+    found = matcher.match_many(pairs)
+    parts = []
+    for a, b, points in zip(crops.left, crops.right, found, strict=True):
+        moved = PointMatches(geometry.project(a, points.left), geometry.project(b, points.right), points.score)
+        inside = _within(moved.left, images[0]) & _within(moved.right, images[1])
+        parts.append(moved[inside])
+    return PointMatches.join(parts)
+
+
+def _square(polygons: PolygonArrays, side: int) -> Array:
+    """(n, 3, 3) from a square of `side` px to the square around each box, with what lies around it."""
+    low, high = polygons.bounds[:, :2], polygons.bounds[:, 2:]
+    size = np.maximum((high - low).max(1) * (1 + 2 * AROUND), side / LARGEST_ZOOM)
+    matrices = np.zeros((len(size), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = size / side
+    matrices[:, :2, 2] = (low + high) / 2 - size[:, None] / 2
+    matrices[:, 2, 2] = 1.0
+    return matrices
+
+
+def _shorter(polygons: PolygonArrays) -> Array:
+    return np.asarray((polygons.bounds[:, 2:] - polygons.bounds[:, :2]).min(1))
+
+
+def _sane(matrices: Array, side: int) -> NDArray[np.bool_]:
+    """(n,) whether the corners of a crop keep their orientation, and one is not stretched far more than another."""
+    corners = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float64)
+    areas = np.array([np.linalg.det(geometry.homography_jacobian(m, corners)) for m in matrices]).reshape(-1, 4)
+    weights = np.einsum("nj,cj->nc", matrices[:, 2], geometry.homogeneous(corners)) * np.sign(matrices[:, 2, 2:])
+    return np.asarray((weights > 0).all(1) & (areas > 0).all(1) & (areas.max(1) < 16 * areas.min(1)))
+
+
+def _overlap(box: Array, others: Array) -> Array:
+    """(n,) IoU of a box (4,) with others (n, 4): x0, y0, x1, y1."""
+    low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
+    both = np.prod(np.maximum(high - low, 0), axis=1)
+    areas = [np.prod(b[..., 2:] - b[..., :2], axis=-1) for b in (box, others)]
+    return np.asarray(both / np.maximum(areas[0] + areas[1] - both, 1e-300))
+
+
+def _within(points: Array, image: Image) -> NDArray[np.bool_]:
+    return np.asarray(((points > 0) & (points < [image.width, image.height])).all(1))

@@ -1,0 +1,216 @@
+"""`zpm2 pose`: the relative pose of two photographs from their matched polygons."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from zpm2.console import (
+    AsJson,
+    ConfigFile,
+    Device,
+    Preset,
+    Quiet,
+    Seed,
+    Settings,
+    WeightsDir,
+    bars,
+    configure,
+    fresh_folder,
+    use_weights,
+)
+from zpm2.errors import ConfigError, Failed
+
+if TYPE_CHECKING:
+    from zpm2.model import Camera
+    from zpm2.pose import PoseResult
+    from zpm2.result import MatchResult
+
+CENTERS = {"0.5": 0.5, "0": 0.0}
+
+
+def pose(
+    left: Annotated[Path, typer.Argument(help="Left photograph.")],
+    right: Annotated[Path, typer.Argument(help="Right photograph.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    k: Annotated[
+        str | None,
+        typer.Option(
+            "--K",
+            help="Left camera: fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], a matrix file, a COLMAP model, exif or guess. "
+            "[default: exif, else estimated from the points]",
+        ),
+    ] = None,
+    k2: Annotated[str | None, typer.Option("--K2", help="Right camera.  [default: as the left one]")] = None,
+    centers: Annotated[
+        str, typer.Option(help="Where numbers and matrix files have the centre of the first pixel: 0.5, or 0 (OpenCV).")
+    ] = "0.5",
+    baseline: Annotated[
+        float | None, typer.Option(help="Distance of the cameras, in the unit that the translation shall have.")
+    ] = None,
+    matches: Annotated[
+        Path | None, typer.Option(help="Take the matches of this folder of zpm2 match instead of matching.")
+    ] = None,
+    rectify: Annotated[
+        bool, typer.Option("--rectify", help="Write the rectified pair and its polygons (rectified/).")
+    ] = False,
+    colmap: Annotated[
+        bool, typer.Option("--colmap", help="Write a database and a two-view model for COLMAP (colmap/).")
+    ] = False,
+    estimator: Annotated[str | None, typer.Option(help="opencv or poselib.  [default: preset's]")] = None,
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    device: Device = None,
+    seed: Seed = None,
+    weights_dir: WeightsDir = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Estimate the relative pose of two photographs from their matched polygons.
+
+    Writes pose.json, and the files of zpm2 match where it matched. R and t take points of the left camera to the right
+    one: X_right = R X_left + t, t of unit length where no baseline is given.
+    """
+    options = {"device": device, "seed": seed, "pose.estimator": estimator}
+    config = configure(preset, config_file, settings, options)
+    if centers not in CENTERS:
+        raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")
+    if baseline is not None and not 0 < baseline < float("inf"):
+        raise ConfigError(f"--baseline {baseline}: give a length above 0")
+    if colmap:
+        from zpm2.io.colmap import require_pycolmap
+
+        require_pycolmap()
+    use_weights(weights_dir)
+
+    from zpm2.io.images import read_image
+    from zpm2.pipeline import PolygonMatcher
+    from zpm2.pose import PoseFinder
+    from zpm2.regions import resolve_device
+    from zpm2.result import MatchResult
+
+    finder = PoseFinder(config, device=resolve_device(config.device))
+    images = read_image(left, "left image"), read_image(right, "right image")
+    cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
+    with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
+        if matches is None:
+            matched = PolygonMatcher(config, progress=progress, say=say)(left, right)
+            matched.save(out)
+        else:
+            matched = MatchResult.load(matches)
+            _refuse_other(matched, images, matches)
+        progress("pose", 0.0)
+        found = finder(matched, cameras, images)
+        found = found.with_baseline(baseline) if baseline is not None else found
+        extra = []
+        if rectify:
+            extra += _rectified(found, images, matched, out)
+        if colmap:
+            extra += _colmap(found, (left, right), out)
+        found.save(out)
+        progress("pose", 1.0)
+    _report(found, matched, out, extra, quiet, as_json)
+
+
+def _cameras(
+    texts: tuple[str | None, str | None], paths: tuple[Path, Path], sizes: list[tuple[int, int]], centers: float
+) -> "tuple[Camera, Camera] | None":
+    """The cameras that were given, or those that EXIF tells; None where neither does."""
+    from zpm2.pose.intrinsics import from_exif, read_camera, refuse_swapped
+
+    if texts[0] is None:
+        if texts[1] is not None:
+            raise ConfigError("--K2 without --K: give both, or --K alone for two images of one camera")
+        found = [from_exif(path, size) for path, size in zip(paths, sizes, strict=True)]
+        if any(isinstance(camera, Failed) for camera in found):
+            return None
+        return found[0], found[1]  # type: ignore[return-value]
+    if texts[1] is None and sizes[0] != sizes[1] and texts[0] not in ("exif", "guess"):
+        raise ConfigError(f"the images have {_size(sizes[0])} and {_size(sizes[1])} px: give --K2 for the right one")
+    both = texts[0], texts[1] or texts[0]
+    left, right = (
+        read_camera(text, path, size, centers, name)
+        for text, path, size, name in zip(both, paths, sizes, ("K", "K2"), strict=True)
+    )
+    refuse_swapped((left, right))
+    return left, right
+
+
+def _size(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"
+
+
+def _refuse_other(matched: "MatchResult", images: Any, folder: Path) -> None:
+    for side, image, name in zip((matched.left, matched.right), images, ("left", "right"), strict=True):
+        if (side.width, side.height) != (image.width, image.height):
+            raise ConfigError(
+                f"--matches {folder} is of a {name} image of {_size((side.width, side.height))} px, this one has "
+                f"{_size((image.width, image.height))} px: give the images that were matched"
+            )
+
+
+def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Path) -> list[str]:
+    import cv2
+
+    from zpm2.io import geojson
+    from zpm2.io.files import atomic_write, output_folder
+    from zpm2.pose.rectify import rectify
+
+    pair = rectify(found, images, matched.matched_polygons())
+    if isinstance(pair, Failed):
+        print(f"warning: not rectified: {pair}", file=sys.stderr)
+        return []
+    folder = output_folder(out / "rectified")
+    partners = {"left": {m.left: (m.right, m.confidence) for m in matched.matches}}
+    partners["right"] = {m.right: (m.left, m.confidence) for m in matched.matches}
+    for name, side in (("left", pair.left), ("right", pair.right)):
+        picture = cv2.cvtColor(side.image.rgb, cv2.COLOR_RGB2BGR)
+        atomic_write(folder / f"{name}.png", cv2.imencode(".png", picture)[1].tobytes())
+        size = side.camera.size
+        collection = geojson.feature_collection(side.polygons, partners[name], f"{name}.png", size[0], size[1])
+        geojson.write(folder / f"{name}.geojson", collection)
+    atomic_write(folder / "rectification.json", json.dumps(pair.to_dict()))
+    return [str(folder)]
+
+
+def _colmap(found: "PoseResult", paths: tuple[Path, Path], out: Path) -> list[str]:
+    from zpm2.pose import colmap
+
+    if isinstance(found.pose, Failed) or found.translation is None:
+        print("warning: no COLMAP model: there is no pose with a translation", file=sys.stderr)
+        return []
+    return [str(colmap.write(found, (paths[0].name, paths[1].name), out / "colmap"))]
+
+
+def _report(
+    found: "PoseResult", matched: "MatchResult", out: Path, extra: list[str], quiet: bool, as_json: bool
+) -> None:
+    said = found.all_warnings()
+    for warning in [*matched.warnings, *said]:
+        print(f"warning: {warning}", file=sys.stderr)
+    document = found.to_dict()
+    if as_json:
+        kept = ("cameras", "pose", "failed", "counts", "timings", "warnings")
+        print(json.dumps({name: document[name] for name in kept} | {"out": str(out)}))
+        return
+    if quiet:
+        return
+    counts = document["counts"]
+    print(
+        f"{counts['inliers']} of {counts['used']} points agree, in {counts['regions_with_inliers']} of "
+        f"{counts['regions']} matched regions ({counts['local']} points from crops)"
+    )
+    if not isinstance(found.pose, Failed):
+        for row in found.pose.rotation:
+            print("R  " + "  ".join(f"{value: .6f}" for value in row))
+        shift = found.translation
+        print("t  " + ("none" if shift is None else "  ".join(f"{value: .6f}" for value in shift)))
+        sigma = found.pose.translation_sigma
+        print(
+            f"one standard deviation: {found.pose.rotation_sigma:.3f} degrees of R"
+            + (f", {sigma:.3f} degrees of the direction of t" if sigma is not None else "")
+        )
+    print(f"Written: {', '.join([str(out / 'pose.json'), *extra])}")

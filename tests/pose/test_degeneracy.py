@@ -1,0 +1,57 @@
+"""Pure rotations and planes are flagged, ordinary scenes are not."""
+
+import numpy as np
+import pytest
+from views import Views, angle, views
+
+from zpm2.errors import Failed
+from zpm2.pose.degeneracy import Degeneracy, examine, rotation_between
+from zpm2.pose.estimators import Motion, OpenCv
+
+PX = 1 / 700
+
+
+def examined(of: Views, sigma: float = 0.1, places: int = 12) -> tuple[Motion, Degeneracy]:
+    motion = OpenCv().estimate(*of.rays, PX, 0)
+    assert not isinstance(motion, Failed)
+    return motion, examine(motion, *of.rays, np.arange(len(of.points)) % places, sigma, PX, 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("outliers", [0.0, 0.3])
+def test_an_ordinary_scene_has_no_flags(seed: int, outliers: float) -> None:
+    _, seen = examined(views(seed, noise=0.3, outliers=outliers))
+    assert seen.flags == ()
+    assert seen.rotation_only is None
+    assert seen.alternatives == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("outliers", [0.0, 0.3])
+def test_a_pure_rotation(seed: int, outliers: float) -> None:
+    of = views(seed, noise=0.3, outliers=outliers, shift=(0, 0, 0))
+    _, seen = examined(of)
+    assert "pure_rotation" in seen.flags
+    assert seen.rotation_only is not None
+    assert angle(seen.rotation_only, of.rotation) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plane_has_its_flag_and_the_truth_is_among_the_poses(seed: int) -> None:
+    of = views(seed, noise=0.2, scene="plane")
+    motion, seen = examined(of)
+    assert "planar_scene" in seen.flags
+    poses = [(motion.rotation, motion.translation), *seen.alternatives]
+    assert min(max(angle(r, of.rotation), angle(t, of.direction)) for r, t in poses) < 3.0
+
+
+def test_little_to_go_by() -> None:
+    of = views(0, n=12)
+    assert "few_inliers" in examined(of)[1].flags
+    assert "few_regions" in examined(views(0), places=2)[1].flags
+    assert "uncertain" in examined(views(0), sigma=30.0)[1].flags
+
+
+def test_rotation_between_withstands_outliers() -> None:
+    of = views(2, outliers=0.3, shift=(0, 0, 0))
+    assert angle(rotation_between(*of.rays, PX), of.rotation) < 0.02

@@ -1,0 +1,88 @@
+"""The contract of every estimator of a pose, on scenes with exact truth."""
+
+import sys
+
+import numpy as np
+import pytest
+from views import angle, matched, rotation, views
+
+from zpm2.errors import ConfigError, Failed, MissingDependency
+from zpm2.pose.estimators import ESTIMATORS, PoseEstimator, open_estimator
+
+PX = 1 / 700  # of rays
+
+
+def test_auto(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("poselib")
+    assert open_estimator("auto").name == "poselib"
+    monkeypatch.setattr("zpm2.pose.estimators.find_spec", lambda name: None)
+    assert open_estimator("auto").name == "opencv"
+    from zpm2.config import Config, PoseConfig
+    from zpm2.pose import PoseFinder
+
+    of = views(0)
+    result = PoseFinder(Config(pose=PoseConfig(crops="off", estimator="auto")))(matched(of), of.cameras)
+    assert any("pip install poselib" in text for text in result.all_warnings())
+    assert result.config["estimator"] == "opencv"
+
+
+@pytest.fixture(params=ESTIMATORS)
+def estimator(request: pytest.FixtureRequest) -> PoseEstimator:
+    if request.param == "poselib":
+        pytest.importorskip("poselib")
+    return open_estimator(request.param)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("noise", "outliers", "most"), [(0.0, 0.0, 0.01), (0.0, 0.4, 0.5), (0.5, 0.4, 1.0)])
+def test_pose(estimator: PoseEstimator, seed: int, noise: float, outliers: float, most: float) -> None:
+    of = views(seed, noise=noise, outliers=outliers)
+    found = estimator.estimate(*of.rays, PX, 0)
+    assert not isinstance(found, Failed)
+    assert angle(found.rotation, of.rotation) < most
+    assert angle(found.translation, of.direction) < 5 * most
+    assert np.isclose(np.linalg.norm(found.translation), 1)
+    assert np.allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-9)
+    assert (1 - outliers) * 0.6 < found.inliers.mean() < (1 - outliers) + 0.12
+
+
+@pytest.mark.parametrize("shift", [(1.0, 0, 0), (0, -1.0, 0), (0.1, 0, 1.0), (0, 0, -0.8)])
+def test_every_direction(estimator: PoseEstimator, shift: tuple[float, float, float]) -> None:
+    of = views(5, shift=shift, turn=rotation(0, 0, 25.0))
+    found = estimator.estimate(*of.rays, PX, 0)
+    assert not isinstance(found, Failed)
+    assert angle(found.translation, of.direction) < 0.1
+
+
+def test_the_same_again(estimator: PoseEstimator) -> None:
+    of = views(1, noise=0.5, outliers=0.3)
+    first, second = (estimator.estimate(*of.rays, PX, 3) for _ in range(2))
+    assert not isinstance(first, Failed)
+    assert not isinstance(second, Failed)
+    assert first.rotation.tobytes() == second.rotation.tobytes()
+    assert first.translation.tobytes() == second.translation.tobytes()
+
+
+@pytest.mark.parametrize("n", [0, 1, 4, 5, 7])
+def test_too_few_points(estimator: PoseEstimator, n: int) -> None:
+    of = views(0)
+    found = estimator.estimate(of.rays[0][:n], of.rays[1][:n], PX, 0)
+    assert isinstance(found, Failed)
+    assert f"there are {n}" in found.reason
+
+
+def test_chance_has_few_inliers(estimator: PoseEstimator) -> None:
+    rng = np.random.default_rng(0)
+    found = estimator.estimate(rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), PX, 0)
+    assert isinstance(found, Failed) or found.inliers.mean() < 0.25
+
+
+def test_names() -> None:
+    with pytest.raises(ConfigError, match="opencv, poselib"):
+        open_estimator("magic")
+
+
+def test_a_missing_package_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "poselib", None)
+    with pytest.raises(MissingDependency, match="pip install poselib"):
+        open_estimator("poselib")

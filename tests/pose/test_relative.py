@@ -1,0 +1,174 @@
+"""The whole of a pose, from a result to `pose.json`, on scenes with exact truth."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from views import SIZE, Views, angle, matched, rotation, views
+
+from zpm2 import config
+from zpm2.config import Config, PoseConfig
+from zpm2.errors import Failed, InputError
+from zpm2.model import PointMatches
+from zpm2.pose import Pose, PoseFinder, PoseResult
+
+PLAIN = Config(pose=PoseConfig(crops="off"))
+
+
+def found(of: Views, options: Config = PLAIN) -> PoseResult:
+    return PoseFinder(options)(matched(of), of.cameras)
+
+
+def pose_of(result: PoseResult) -> Pose:
+    assert not isinstance(result.pose, Failed), result.pose
+    return result.pose
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("points", ["regions", "all"])
+def test_pose(seed: int, points: str) -> None:
+    of = views(seed, noise=0.3, outliers=0.3)
+    result = found(of, Config(pose=PoseConfig(crops="off", points=points)))  # type: ignore[arg-type]
+    pose = pose_of(result)
+    assert pose.sound
+    assert angle(pose.rotation, of.rotation) < 0.3
+    assert pose.translation is not None
+    assert angle(pose.translation, of.direction) < 1.5
+    assert result.counts()["inliers"] > 0.6 * len(of.points)
+
+
+def test_regions_that_are_wrong_go_as_a_whole() -> None:
+    """Two cells whose points all moved by the same vector: a wrong match, or a thing that moved."""
+    of = views(1, n=400, noise=0.2)
+    step = np.array(SIZE) / (4, 3)
+    cell = (of.points.left // step).astype(int)
+    wrong = (cell == (1, 1)).all(1) | (cell == (2, 0)).all(1)
+    right = of.points.right + np.where(wrong[:, None], [3.0, 25.0], 0.0)
+    result = found(dataclasses.replace(of, points=PointMatches(of.points.left, right, of.points.score)))
+    assert sorted(left for left, _ in result.rejected) == [2, 5]
+    assert not result.inliers[np.isin(result.points.region, [2, 5])].any()
+    assert angle(pose_of(result).rotation, of.rotation) < 0.2
+
+
+def test_points_outside_of_regions_are_left_out() -> None:
+    of = views(0)
+    whole = matched(of)
+    half = dataclasses.replace(whole, matches=whole.matches[:6])
+    result = PoseFinder(PLAIN)(half, of.cameras)
+    assert set(np.unique(result.points.region)) <= set(range(6))
+    everything = PoseFinder(Config(pose=PoseConfig(crops="off", points="all")))(half, of.cameras)
+    assert len(everything.points) == len(of.points)
+    assert (everything.points.region == -1).sum() == len(of.points) - len(result.points)
+
+
+def test_without_matches_all_points_are_used_and_it_says_so() -> None:
+    of = views(0)
+    result = PoseFinder(PLAIN)(dataclasses.replace(matched(of), matches=[]), of.cameras)
+    assert len(result.points) == len(of.points)
+    assert any("all points are used" in text for text in result.all_warnings())
+
+
+def test_no_points() -> None:
+    of = views(0)
+    result = PoseFinder(PLAIN)(dataclasses.replace(matched(of), points=PointMatches.empty()), of.cameras)
+    assert isinstance(result.pose, Failed)
+    assert result.translation is None
+    document = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert document["pose"] is None
+    assert "there are 0" in document["failed"]
+
+
+def test_a_pure_rotation_has_no_translation() -> None:
+    of = views(0, noise=0.3, shift=(0, 0, 0))
+    result = found(of)
+    assert pose_of(result).flags == ("pure_rotation",)
+    assert result.translation is None
+    assert pose_of(result).essential is None
+    assert angle(pose_of(result).rotation, of.rotation) < 0.1
+    assert any("only turned" in text for text in result.all_warnings())
+
+
+def test_a_plane_is_flagged() -> None:
+    assert "planar_scene" in pose_of(found(views(0, noise=0.2, scene="plane"))).flags
+
+
+def test_unknown_cameras_get_an_estimated_focal_length() -> None:
+    from test_focal import centred
+
+    from zpm2 import geometry
+
+    cameras = centred(800.0), centred(800.0)
+    of = views(3, n=500, noise=0.05, turn=rotation(8.0, 15.0, 4.0), shift=(-2.0, 0.8, 0.6), cameras=cameras)
+    fundamental = geometry.fundamental_matrix(of.points.left, of.points.right, 1.0)
+    assert not isinstance(fundamental, Failed)
+    result = PoseFinder(PLAIN)(dataclasses.replace(matched(of), fundamental=fundamental[0]), None)
+    assert not isinstance(result.cameras, Failed)
+    assert result.cameras[0].source == "estimated"
+    assert result.cameras[0].focal == pytest.approx(800, rel=0.03)
+    assert angle(pose_of(result).rotation, of.rotation) < 1.0
+    assert any("estimated from the epipolar geometry" in text for text in result.all_warnings())
+
+
+def test_unknown_cameras_without_a_focal_length() -> None:
+    of = views(0)
+    result = PoseFinder(PLAIN)(matched(of), None)
+    assert isinstance(result.pose, Failed)
+    assert "K guess" in result.pose.reason
+    assert result.to_dict()["cameras"] is None
+
+
+def test_baseline() -> None:
+    of = views(0)
+    result = found(of).with_baseline(0.54)
+    assert result.translation is not None
+    assert np.linalg.norm(result.translation) == pytest.approx(0.54)
+    assert result.to_dict()["pose"]["metric"] is True
+    for bad in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError):
+            result.with_baseline(bad)
+
+
+def test_motions_of_the_homography() -> None:
+    of = views(0, scene="plane")
+    from zpm2 import geometry
+
+    plane = geometry.homography(of.points.left, of.points.right, 1.0)
+    assert not isinstance(plane, Failed)
+    result = PoseFinder(PLAIN)(dataclasses.replace(matched(of), homography=plane[0]), of.cameras)
+    motions = result.motions_of_homography()
+    assert min(angle(r, of.rotation) for r, _, _ in motions) < 0.5
+    assert len(result.to_dict()["homography_motions"]) == len(motions)
+
+
+def test_pose_json(tmp_path: Path) -> None:
+    of = views(0, noise=0.2, outliers=0.2)
+    result = found(of)
+    path = result.save(tmp_path / "new")
+    document = json.loads(path.read_text())
+    assert document["schema"] == "zpm2-pose/1"
+    e = np.array(document["pose"]["essential"])
+    rays = [
+        camera.rays(np.array(document["points"][side]))
+        for camera, side in zip(of.cameras, ("left", "right"), strict=True)
+    ]
+    inlier = np.array(document["points"]["inlier"])
+    assert inlier.sum() == document["counts"]["inliers"]
+    a, b = (np.c_[r, np.ones(len(r))][inlier] for r in rays)
+    assert np.abs(np.einsum("ni,ij,nj->n", b, e, a)).max() < 0.01
+    ids = {m.left for m in matched(of).matches}
+    assert {p for p in document["points"]["left_polygon"] if p is not None} <= ids
+    assert np.array(document["pose"]["covariance_rad2"]).shape == (5, 5)
+
+
+def test_the_same_again() -> None:
+    of = views(2, noise=0.5, outliers=0.3)
+    first, second = (found(of).to_dict() for _ in range(2))
+    assert json.dumps({**first, "timings": 0}) == json.dumps({**second, "timings": 0})
+
+
+def test_presets() -> None:
+    paper, best = config.preset("paper").pose, config.preset("default").pose
+    assert (paper.points, paper.crops) == ("regions", "boxes")
+    assert best != paper
