@@ -2,7 +2,7 @@
 
     python benchmarks/table_pose.py --data ScanNet1500=scannet1500:DIR -o OUT
 
-What runs here is the pose of all homologous points (five-point, MAGSAC++), no polygon taking part yet.
+Both presets, and for each what the same points give without any polygon.
 """
 
 from paper_tables import data_sets, measure, parser, percent, show
@@ -14,8 +14,11 @@ def main() -> None:
     chosen = parser(__doc__).parse_args()
     rows = []
     for name, kind, folder in data_sets(chosen):
-        s = measure(chosen, name, kind, folder, "pose")
-        rows.append([f"zpm2, all points, {name}", *(percent(s, f"AUC{t}") for t in (5, 10, 20))])
+        for preset in ("paper", "default"):
+            s = measure(chosen, name, kind, folder, f"pose-{preset}", ["--preset", preset])
+            for what, suffix in (("polygons", ""), ("all points", "_points")):
+                auc = (percent(s, f"AUC{t}{suffix}") for t in (5, 10, 20))
+                rows.append([f"zpm2 {preset}, {what}, {name}", *auc])
     show(["method", "AUC@5", "AUC@10", "AUC@20"], POSE, rows)
 
 

@@ -60,12 +60,14 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 @pytest.mark.parametrize("command", commands())
 def test_command(command: str, run: Run, workplace: Path) -> None:
     words = shlex.split(command, comments=True)[1:]
-    if words[0] in ("match", "eval"):
+    if words[0] in ("match", "eval", "pose"):
         words += QUICK
     elif "--accept-licence" in words:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
+    if "--matches" in words:
+        assert run("match", "left.png", "right.png", "-o", words[words.index("--matches") + 1], *QUICK).code == 0
     if "--regions" in words:
         scores = words[words.index("--regions") + 1]
         assert run("eval", "pairs", "--root", "data", "-o", scores, *QUICK).code == 0

@@ -72,13 +72,16 @@ def evaluate(
     tell = _teller(len(pairs), quiet)
     rows = report.collect(pairs, out, lambda text: tell("scored", text))
     made_by = shlex.join(["zpm2", *sys.argv[1:]])
-    report.write(f"{dataset}, {method}, preset {preset}", rows, out, made_by, parquet)
+    beside = report.pose_table(rows) if dataset == "scannet1500" else ""
+    report.write(f"{dataset}, {method}, preset {preset}", rows, out, made_by, parquet, beside)
     for values in rows:
         if values["status"] != "ok":
             print(f"warning: {values['pair']}: {values['status']}", file=sys.stderr)
     if not quiet:
         total = {name: value for name, value in report.summary(rows).items() if value is not None}
         print(json.dumps(total, indent=1))
+        if beside:
+            print(beside)
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
 

@@ -179,3 +179,75 @@ def test_misuse_is_one_line(run: Run, tmp_path: Path, words: list[str], message:
     code, out, err = run("eval", *words, "--root", tmp_path, "-o", tmp_path / "out")
     assert (code, out, err.count("\n")) == (2, "", 1), err
     assert message in err
+
+
+@pytest.fixture
+def posed(pair: Pair, tmp_path: Path) -> Path:
+    """A pair of which the cameras are known: ScanNet1500's text index with the rendered photographs."""
+    scene, folder = pair.scene, tmp_path / "scannet"
+    folder.mkdir()
+    names = [f"scene0707_00_frame-{k:06d}.png" for k in (15, 30)]
+    for name, source in zip(names, (pair.left, pair.right), strict=True):
+        (folder / name).write_bytes(source.read_bytes())
+    # the index is for pictures of 1296 x 968 px and counts pixel centres from 0
+    scale = np.diag([1296 / 400, 968 / 240, 1.0])
+    k = scale @ np.array([[scene.f, 0, scene.cx], [0, scene.f, scene.cy], [0, 0, 1]]) - [
+        [0, 0, 0.5],
+        [0, 0, 0.5],
+        [0] * 3,
+    ]
+    move = np.eye(4)
+    move[0, 3] = -scene.baseline
+    numbers = [*k.ravel(), *k.ravel(), *move.ravel()]
+    (folder / "scannet_test_pairs_with_gt.txt").write_text(" ".join([*names, "0", "0", *map(str, numbers)]) + "\n")
+    return folder
+
+
+def test_poses_are_predicted_and_scored_beside_plain_points(pair: Pair, posed: Path, tmp_path: Path) -> None:
+    from zpm2.config import assign
+    from zpm2.pose import PoseFinder
+
+    pairs, out = list(open_dataset("scannet1500", posed).pairs()), tmp_path / "out"
+    finder = PoseFinder(assign(SIFT, ["pose.crops=off"]))
+
+    def pose_of(asked: EvalPair, result: MatchResult) -> object:
+        return finder(result, report.cameras_of(result, asked.truth))
+
+    predictions.predict(pairs, Counting(pair).load, out, lambda _: None, pose_of)
+    (row,) = report.collect(pairs, out, lambda _: None)
+    assert row["status"] == "ok"
+    for kind in ("", "_points"):
+        assert row[f"error_R{kind}"] < 1
+        assert row[f"error_t{kind}"] < 5
+    assert 0 < row["pose_inliers"] <= row["pose_points"] <= row["points"]
+    assert row["s_pose"] > 0
+    total = report.summary([row])
+    assert total["posed"] == total["posed_points"] == 1
+    assert total["AUC10"] > 0.5
+    lines = report.pose_table([row]).splitlines()
+    assert "| LoFTR | 22.1" in "\n".join(lines)
+    assert lines[-2].startswith("| zpm2 |")
+    assert lines[-1].startswith("| zpm2, all points, no polygons |")
+
+
+def test_a_pair_without_a_predicted_pose_has_that_of_its_points(pair: Pair, posed: Path, tmp_path: Path) -> None:
+    pairs, out = list(open_dataset("scannet1500", posed).pairs()), tmp_path / "out"
+    predictions.predict(pairs, Counting(pair).load, out, lambda _: None)
+    (row,) = report.collect(pairs, out, lambda _: None)
+    assert "error_R" not in row
+    assert row["error_R_points"] < 1
+    assert "posed" not in report.summary([row])
+
+
+def test_scannet1500_prints_the_published_rows(pair: Pair, posed: Path, run: Run, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("zpm2.eval_cli._matcher", lambda *_: Counting(pair))
+    options = ["--preset", "paper", "--set", "pose.crops=off", "--set", "device=cpu"]
+    code, text, err = run("eval", "scannet1500", "--root", posed, "-o", tmp_path / "out", *options)
+    assert code == 0, err
+    assert "MESA + LoFTR" in text
+    assert "published, not measured here" in (tmp_path / "out" / "summary.md").read_text()
+    assert (tmp_path / "out" / "predictions" / pairs_name(posed) / "pose.json").exists()
+
+
+def pairs_name(posed: Path) -> str:
+    return next(iter(open_dataset("scannet1500", posed).pairs())).name

@@ -43,7 +43,7 @@ class Counting:
     def match(self, left: Image, right: Image) -> PointMatches:
         self.asked += 1
         rng = np.random.default_rng(0)
-        at = rng.uniform(5, 95, (self.n, 2))
+        at = rng.uniform(5, 800, (self.n, 2))
         depth = rng.uniform(5, 30, self.n)
         return PointMatches(at, at + np.c_[depth, 0 * depth], np.ones(self.n))
 

@@ -16,6 +16,7 @@ from zpm2.evaluate import predictions
 from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
+from zpm2.evaluate.published import POSE
 from zpm2.io.files import atomic_write
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
@@ -120,10 +121,24 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     return found
 
 
-def markdown(title: str, rows: Sequence[Row], made_by: str) -> str:
-    """The summary and the pairs as tables."""
+def pose_table(rows: Sequence[Row]) -> str:
+    """AUC of the pose with and without polygons beside the rows that the paper prints for ScanNet1500."""
+    total = summary(rows)
+    ours = [
+        [name, *(100 * total[f"AUC{t}{kind}"] for t in (5, 10, 20)), f"measured, {total[f'posed{kind}']} pairs"]
+        for name, kind in (("zpm2", ""), ("zpm2, all points, no polygons", "_points"))
+        if f"posed{kind}" in total
+    ]
+    printed = [[*row, "published, not measured here"] for row in POSE]
+    return table(["method", "AUC@5", "AUC@10", "AUC@20", "source"], [*printed, *ours])
+
+
+def markdown(title: str, rows: Sequence[Row], made_by: str, beside: str = "") -> str:
+    """The summary and the pairs as tables, and `beside` them a table of somebody else's."""
     total = summary(rows)
     parts = [f"# {title}", f"Made by `{made_by}`.", _summary_table(total)]
+    if beside:
+        parts += ["## Beside published rows", beside]
     problems = [f"- {r['pair']}: {r['status']}" for r in rows if r["status"] != "ok"]
     if problems:
         parts += ["## Problems", "\n".join(problems)]
@@ -147,7 +162,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(_cell(value) for value in values) + " |" for values in rows)])
 
 
-def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: bool = False) -> None:
+def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: bool = False, beside: str = "") -> None:
     """rows.csv (and rows.parquet), summary.json and summary.md, each whole or not at all."""
     columns = list(dict.fromkeys(name for r in rows for name in r))
     text = io.StringIO()
@@ -156,7 +171,7 @@ def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: boo
     writer.writerows(rows)
     atomic_write(out / "rows.csv", text.getvalue())
     atomic_write(out / "summary.json", json.dumps({"title": title, "made_by": made_by, **summary(rows)}, indent=1))
-    atomic_write(out / "summary.md", markdown(title, rows, made_by))
+    atomic_write(out / "summary.md", markdown(title, rows, made_by, beside))
     if parquet:
         atomic_write(out / "rows.parquet", _parquet(columns, rows))
 

@@ -13,7 +13,7 @@ from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.model import Camera, Image, PolygonArrays
 from zpm2.pose import crops, degeneracy
-from zpm2.pose.estimators import Motion, PoseEstimator, open_estimator
+from zpm2.pose.estimators import ENOUGH, Motion, PoseEstimator, open_estimator
 from zpm2.pose.focal import focal_from_points
 from zpm2.pose.points import Correspondences, region_of, spread, union
 from zpm2.pose.refine import Refined, refine
@@ -154,6 +154,10 @@ class PoseFinder:
                 motion = again
         places = places_of(chosen, cameras[0].size)
         refined = refine(motion, left, right, places, threshold)
+        near = geometry.sampson_distance(refined.motion.essential, left, right) <= threshold
+        near &= ~np.isin(chosen.region, rejected)
+        if near.sum() >= ENOUGH:  # what it left out or took in wrongly
+            refined = refine(dataclasses.replace(refined.motion, inliers=near), left, right, places, threshold)
         refined = _with_inliers(refined, left, right, chosen, rejected, threshold)
         seen = degeneracy.examine(refined.motion, left, right, places, refined.translation_sigma, threshold, seed)
         inliers = refined.motion.inliers if seen.turned is None else seen.turned

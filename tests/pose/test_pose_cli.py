@@ -1,0 +1,134 @@
+"""`zpm2 pose` as people type it, on the rendered pair: what it writes, and one line for what it cannot use."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+from rendered import Pair, Run
+
+from zpm2 import MatchResult
+
+QUICK = ["--set", "pose.crops=off", "--device", "cpu"]
+
+
+@pytest.fixture(scope="module")
+def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from zpm2 import PolygonMatcher
+    from zpm2.config import assign, preset
+    from zpm2.detect.precomputed import PrecomputedSegmenter
+
+    config = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
+    regions = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+    result = PolygonMatcher(config, segmenter=regions)(pair.left, pair.right)
+    return result.save(tmp_path_factory.mktemp("matches"))
+
+
+@pytest.fixture
+def k(pair: Pair) -> str:
+    scene = pair.scene
+    return f"{scene.f},{scene.f},{scene.cx},{scene.cy}"
+
+
+def test_pose_of_the_rendered_pair(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "pose"
+    words = ["--K", k, "--matches", matches, "--baseline", pair.scene.baseline, "--rectify", *QUICK]
+    code, text, err = run("pose", pair.left, pair.right, "-o", out, *words)
+    assert code == 0, err
+    assert "points agree" in text
+    document = json.loads((out / "pose.json").read_text())
+    rotation, translation = (np.array(document["pose"][name]) for name in ("rotation", "translation"))
+    assert np.degrees(np.arccos((np.trace(rotation) - 1) / 2)) < 0.3
+    assert np.linalg.norm(translation - [-pair.scene.baseline, 0, 0]) < 0.05 * pair.scene.baseline
+    assert document["pose"]["metric"] is True
+    rectified = json.loads((out / "rectified" / "rectification.json").read_text())
+    assert rectified["vertical"] is False
+    for side in ("left", "right"):
+        picture = PIL.Image.open(out / "rectified" / f"{side}.png")
+        assert abs(picture.width - 400) < 40
+        assert len(json.loads((out / "rectified" / f"{side}.geojson").read_text())["features"]) > 10
+
+
+def test_colmap(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    out = tmp_path / "pose"
+    words = ["--K", k, "--matches", matches, "--colmap", *QUICK]
+    assert run("pose", pair.left, pair.right, "-o", out, *words).code == 0
+    model = pycolmap.Reconstruction(str(out / "colmap" / "sparse" / "0"))
+    assert {image.name for image in model.images.values()} == {"left.png", "right.png"}
+
+
+def test_json(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+    code, text, _ = run(
+        "pose", pair.left, pair.right, "-o", tmp_path / "p", "--K", k, "--matches", matches, "--json", *QUICK
+    )
+    assert code == 0
+    assert json.loads(text)["counts"]["inliers"] > 100
+
+
+def test_it_matches_where_no_matches_are_given(
+    pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher.__call__", lambda *_: MatchResult.load(matches))
+    assert run("pose", pair.left, pair.right, "-o", tmp_path / "p", "--K", k, *QUICK).code == 0
+    assert {f.name for f in (tmp_path / "p").iterdir()} >= {"pose.json", "matches.json", "overlay.png"}
+
+
+def test_without_cameras_there_is_no_pose_but_a_result(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:
+    """A rectified pair does not tell its focal length, and a PNG has no EXIF."""
+    code, _, err = run("pose", pair.left, pair.right, "-o", tmp_path / "p", "--matches", matches, *QUICK)
+    assert code == 0
+    assert "no pose" in err
+    assert "K guess" in err
+    document = json.loads((tmp_path / "p" / "pose.json").read_text())
+    assert document["pose"] is None
+    assert document["fundamental"] is not None
+
+
+def test_a_guess_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:
+    code, _, err = run(
+        "pose", pair.left, pair.right, "-o", tmp_path / "p", "--matches", matches, "--K", "guess", *QUICK
+    )
+    assert code == 0
+    assert "480 px, is guessed" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--K", "0,0,200,120"], "focal lengths 0 and 0"),
+        (["--K", "nan,300,200,120"], "not finite"),
+        (["--K", "300,300,900,120"], "outside of the image of 400 x 240"),
+        (["--K", "nothing.txt"], "is no file"),
+        (["--K2", "300,300,200,120"], "--K2 without --K"),
+        (["--K", "exif"], "no focal length"),
+        (["--K", "300,300,200,120", "--centers", "1"], "counted from 0.5 or from 0"),
+        (["--K", "300,300,200,120", "--baseline", "-1"], "above 0"),
+        (["--K", "300,300,200,120", "--estimator", "magic"], "pose.estimator must be one of"),
+        (["--K", "300,300,200,120", "--matches", "nowhere"], "cannot read"),
+    ],
+)
+def test_one_line_for_what_cannot_be_used(words: list[str], why: str, pair: Pair, run: Run, tmp_path: Path) -> None:
+    code, out, err = run("pose", pair.left, pair.right, "-o", tmp_path / "p", *words, *QUICK)
+    assert code == 2
+    assert why in err
+    assert len(err.strip().splitlines()) == 1
+    assert not out
+    assert not (tmp_path / "p").exists()
+
+
+def test_images_of_different_sizes_need_two_cameras(pair: Pair, k: str, run: Run, tmp_path: Path) -> None:
+    PIL.Image.open(pair.right).resize((300, 200)).save(tmp_path / "small.png")
+    code, _, err = run("pose", pair.left, tmp_path / "small.png", "-o", tmp_path / "p", "--K", k, *QUICK)
+    assert code == 2
+    assert "give --K2" in err
+
+
+def test_matches_of_other_images(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        PIL.Image.open(pair.left).resize((300, 200)).save(tmp_path / f"{name}.png")
+    words = ["--K", "300,300,150,100", "--matches", matches, *QUICK]
+    code, _, err = run("pose", tmp_path / "a.png", tmp_path / "b.png", "-o", tmp_path / "p", *words)
+    assert code == 2
+    assert "give the images that were matched" in err
