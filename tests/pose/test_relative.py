@@ -90,6 +90,17 @@ def test_a_pure_rotation_has_no_translation() -> None:
     assert any("only turned" in text for text in result.all_warnings())
 
 
+def test_two_motions_are_ambiguous() -> None:
+    one, other = (
+        views(0, n=200, noise=0.2),
+        views(1, n=160, noise=0.2, turn=rotation(-5.0, 0, 9.0), shift=(0.3, 1.0, 0)),
+    )
+    both = PointMatches.join([one.points, other.points])
+    result = found(dataclasses.replace(one, points=both), Config(pose=PoseConfig(crops="off", points="all")))
+    assert "ambiguous" in pose_of(result).flags
+    assert any("another pose" in text for text in result.all_warnings())
+
+
 def test_a_plane_is_flagged() -> None:
     assert "planar_scene" in pose_of(found(views(0, noise=0.2, scene="plane"))).flags
 

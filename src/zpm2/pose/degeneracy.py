@@ -1,5 +1,6 @@
 """What the points cannot tell: a camera that only turned, a scene that is one plane, too little to go by."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +16,7 @@ EXPLAINED = 0.95  # of the inliers of a pose, from which a simpler model is take
 NOISE = 2.0  # thresholds within which a simpler model explains a point
 FEW, FEW_SHARE = 20, 0.15  # inliers, and share of the points, below which a pose may be chance
 PLACES = 3  # regions, or cells of the image, that the inliers must lie in
+RIVAL = 0.5  # of the inliers, from which as many other points on another pose make a pose one of two
 UNSURE = 15.0  # degrees of one standard deviation, from which a direction is not known
 
 
@@ -22,10 +24,17 @@ UNSURE = 15.0  # degrees of one standard deviation, from which a direction is no
 class Degeneracy:
     """Flags, empty if nothing speaks against a pose, and the poses that explain the points as well."""
 
-    flags: tuple[str, ...]  # of "pure_rotation", "planar_scene", "few_inliers", "few_regions", "uncertain"
+    flags: tuple[str, ...]  # of "pure_rotation", "planar_scene", "few_inliers", "few_regions", "uncertain", "ambiguous"
     rotation_only: Array | None = None  # (3, 3) of "pure_rotation"
     turned: NDArray[np.bool_] | None = None  # (n,) the points that it explains
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t of unit length, of "planar_scene"
+
+    def beside(self, rival: int, inliers: int) -> "Degeneracy":
+        """The same, flagged as ambiguous where a pose with `rival` of the other points stands beside one with
+        `inliers`: repeated texture, or two motions."""
+        if self.rotation_only is not None or rival < RIVAL * inliers:
+            return self
+        return dataclasses.replace(self, flags=(*self.flags, "ambiguous"))
 
 
 def examine(

@@ -160,8 +160,18 @@ class PoseFinder:
             refined = refine(dataclasses.replace(refined.motion, inliers=near), left, right, places, threshold)
         refined = _with_inliers(refined, left, right, chosen, rejected, threshold)
         seen = degeneracy.examine(refined.motion, left, right, places, refined.translation_sigma, threshold, seed)
+        seen = seen.beside(self._rival(refined.motion, left, right, threshold, seed), int(refined.motion.inliers.sum()))
         inliers = refined.motion.inliers if seen.turned is None else seen.turned
         return Pose.of(refined, seen), inliers, rejected
+
+    def _rival(self, motion: Motion, left: Array, right: Array, threshold: float, seed: int) -> int:
+        """How many of the points that are far from agreeing with `motion` agree on another pose."""
+        far = geometry.sampson_distance(motion.essential, left, right) > 2 * degeneracy.NOISE * threshold
+        other = self.estimator.estimate(left[far], right[far], threshold, seed)
+        if isinstance(other, Failed):
+            return 0
+        distance = geometry.sampson_distance(other.essential, left[far], right[far])
+        return int((distance <= degeneracy.NOISE * threshold).sum())
 
     def _noise(self, cameras: tuple[Camera, Camera]) -> float:
         """px: the noise of a point, which grows with the px of the image per px of the frame that it was found in."""

@@ -28,6 +28,7 @@ MEANING = {
     "planar_scene": "the scene is one plane: other poses may explain it as well (alternatives)",
     "few_inliers": "so few points agree that it may be chance",
     "few_regions": "the points that agree lie in one or two places",
+    "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
 

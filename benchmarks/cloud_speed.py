@@ -1,0 +1,72 @@
+"""Rays and walks a second on meshes of growing size.
+
+    python benchmarks/cloud_speed.py [--faces 100000 1000000 5000000]
+
+A rolling terrain seen from above. Rays are cast through 300,000 places of the view; 2,000 walks join places some 150 px
+apart in a view of 4000 px, as the sides of polygons do. Seconds to read neighbours, to build the tree, rays and
+crossings a second. Prints JSON (schema zpm2-bench-cloud/1).
+"""
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+from match_pairs import environment
+
+from zpm2.cloud import Surface, open_caster, walk
+
+RAYS, WALKS, EYE = 300_000, 2_000, np.array([0.0, 0.0, 3.0])
+
+
+def terrain(faces: int) -> tuple[Any, Any]:
+    n = int(np.sqrt(faces / 2))
+    x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
+    z = 0.05 * np.sin(7 * x) * np.cos(9 * y) + 0.01 * np.sin(61 * x + 3) * np.sin(53 * y)
+    at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
+    return np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]]
+
+
+def measured(faces: int) -> dict[str, Any]:
+    mesh, rng = terrain(faces), np.random.default_rng(0)
+    start = time.perf_counter()
+    surface = Surface.of(*mesh)
+    read = time.perf_counter() - start
+    start = time.perf_counter()
+    caster = open_caster(surface)
+    caster.first_hits(EYE[None], np.array([[0.0, 0, -1]]))
+    built = time.perf_counter() - start
+    place = np.c_[rng.uniform(-0.9, 0.9, (RAYS, 2)), np.zeros(RAYS)]
+    start = time.perf_counter()
+    hits = caster.first_hits(np.broadcast_to(EYE, place.shape), place - EYE)
+    cast = time.perf_counter() - start
+    first = place[:WALKS]
+    angle = rng.uniform(0, 2 * np.pi, WALKS)
+    second = np.clip(first + 0.075 * np.c_[np.cos(angle), np.sin(angle), 0 * angle], -0.9, 0.9)
+    one, other = (caster.first_hits(np.broadcast_to(EYE, p.shape), p - EYE) for p in (first, second))
+    start = time.perf_counter()
+    walks = walk(surface, (one.face, one.point), (other.face, other.point), np.broadcast_to(EYE, first.shape))
+    walked = time.perf_counter() - start
+    return {
+        "faces": len(surface.faces),
+        "surface_s": round(read, 3),
+        "tree_s": round(built, 3),
+        "hit": float(hits.found.mean()),
+        "rays_per_s": round(RAYS / cast),
+        "arrived": float(walks.arrived.mean()),
+        "crossings": len(walks.points),
+        "crossings_per_s": round(len(walks.points) / walked),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faces", type=int, nargs="+", default=[100_000, 500_000, 1_000_000, 5_000_000])
+    rows = [measured(faces) for faces in parser.parse_args().faces]
+    print(json.dumps({"schema": "zpm2-bench-cloud/1", "environment": environment(), "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

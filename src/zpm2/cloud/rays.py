@@ -1,0 +1,116 @@
+"""Where rays first meet a surface (paper 3.5.2, Eq. raydir): Embree where it is installed, else every triangle."""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.cloud.surface import Surface
+
+Array = NDArray[np.float64]
+BLOCK = 2_000_000  # pairs of ray and triangle that are looked at together
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """The first hit of each of n rays."""
+
+    face: NDArray[np.int64]  # (n,) -1 where a ray meets nothing
+    point: Array  # (n, 3) in the surface's coordinates, on the face; NaN where there is none
+    weights: Array  # (n, 3) barycentric, >= 0, sum 1; NaN where there is none
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(n,) which rays meet the surface."""
+        return np.asarray(self.face >= 0)
+
+
+class RayCaster(Protocol):
+    """Casts rays at one surface."""
+
+    note: str | None  # what a user should know about how it runs
+
+    def first_hits(self, origins: Array, directions: Array) -> Hits:
+        """Of n rays, (n, 3) origins in the surface's coordinates and (n, 3) directions of any length."""
+        ...
+
+
+class Embree:
+    """Intel's ray tracing kernels, single precision, through trimesh; the hit itself is computed in double."""
+
+    note: str | None = None
+
+    def __init__(self, surface: Surface) -> None:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+        self.surface, self.corners = surface, surface.corners
+        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+        self.tree = RayMeshIntersector(mesh)
+
+    def first_hits(self, origins: Array, directions: Array) -> Hits:
+        if len(origins) == 0:
+            return _hits(self.corners, np.zeros(0, np.int64), origins, directions)
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        face: Any = self.tree.intersects_first(origins, directions / np.maximum(length, 1e-300))
+        return _hits(self.corners, np.asarray(face, np.int64), origins, directions)
+
+
+class EveryTriangle:
+    """Every ray against every triangle in double precision (Moeller and Trumbore 1997): the reference, and fallback."""
+
+    note: str | None = 'embreex is not installed, rays are cast slowly: pip install "zpm2[cloud]"'
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface, self.corners = surface, surface.corners
+
+    def first_hits(self, origins: Array, directions: Array) -> Hits:
+        face = np.full(len(origins), -1, np.int64)
+        step = max(1, BLOCK // max(len(self.corners), 1))
+        for start in range(0, len(origins), step):
+            rows = slice(start, start + step)
+            face[rows] = self._nearest(origins[rows], directions[rows])
+        return _hits(self.corners, face, origins, directions)
+
+    def _nearest(self, origins: Array, directions: Array) -> NDArray[np.int64]:
+        a = self.corners[:, 0]
+        u, v = self.corners[:, 1] - a, self.corners[:, 2] - a
+        p = np.cross(directions[:, None], v[None])  # (rays, triangles, 3)
+        scale = (p * u).sum(2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = origins[:, None] - a
+            first = (s * p).sum(2) / scale
+            q = np.cross(s, u[None])
+            second = (directions[:, None] * q).sum(2) / scale
+            distance = (q * v).sum(2) / scale
+            inside = (first >= 0) & (second >= 0) & (first + second <= 1) & (distance > 0) & (scale != 0)
+        distance = np.where(inside, distance, np.inf)
+        nearest = distance.argmin(1)
+        return np.where(np.isfinite(distance[np.arange(len(nearest)), nearest]), nearest, -1)
+
+
+def open_caster(surface: Surface) -> RayCaster:
+    """Embree, or the fallback, which says so in its `note`."""
+    if find_spec("embreex") and find_spec("trimesh"):
+        return Embree(surface)
+    return EveryTriangle(surface)
+
+
+def _hits(corners: Array, face: NDArray[np.int64], origins: Array, directions: Array) -> Hits:
+    """The hits on known faces, in double precision. A hit that rounding puts beside its face moves to the face's edge,
+    so that every point lies on the surface."""
+    n = len(face)
+    weights, found = np.full((n, 3), np.nan), face >= 0
+    a, b, c = np.moveaxis(corners[face[found]], 1, 0)
+    o, d = origins[found], directions[found]
+    # volumes of the ray with each edge (Pluecker), which are the barycentric weights but for a factor
+    volumes = np.stack([np.einsum("ni,ni->n", d, np.cross(p - o, q - o)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
+    total = volumes.sum(1, keepdims=True)
+    share = np.clip(volumes / np.where(total == 0, 1.0, total), 0.0, None)
+    sums = share.sum(1, keepdims=True)
+    weights[found] = np.where(sums > 0, share / np.where(sums > 0, sums, 1.0), 1 / 3)
+    point = np.full((n, 3), np.nan)
+    point[found] = np.einsum("nk,nki->ni", weights[found], corners[face[found]])
+    return Hits(face, point, weights)

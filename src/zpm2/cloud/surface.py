@@ -1,0 +1,137 @@
+"""A triangle mesh as the rays and the walks want it: clean, with neighbours, near the origin."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError, MissingDependency
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+FORMATS = (".ply", ".obj", ".stl", ".glb", ".off")
+FLAT = 1e-12  # of the squared extent: triangles of less area are degenerate
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """n vertices, m triangles. Coordinates are relative to `origin`, so that large ones (UTM) lose nothing."""
+
+    vertices: Array  # (n, 3)
+    faces: Indices  # (m, 3)
+    neighbors: Indices  # (m, 3) the face across the edge from corner k to corner k + 1; -1 at a border
+    origin: Array  # (3,) what was taken off the coordinates of the file
+    notes: tuple[str, ...] = ()  # what a user should know about the mesh
+
+    @property
+    def corners(self) -> Array:
+        """(m, 3, 3) coordinates of the three corners of each triangle."""
+        return self.vertices[self.faces]
+
+    @property
+    def normals(self) -> Array:
+        """(m, 3) unit normals, by the order of the corners."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        across = np.cross(b - a, c - a)
+        return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
+
+    @property
+    def extent(self) -> float:
+        """Length of the diagonal of the box around it."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @staticmethod
+    def of(vertices: Any, faces: Any, name: str = "mesh") -> "Surface":
+        """A mesh made usable: vertices at one place are one, triangles without area, with vertices that are not finite
+        and those that are said twice go, each with a note. The origin is the middle of its box.
+
+        Edges of more than two triangles are borders to all of these, with a note. `InputError` for what is no mesh, and
+        where nothing is left.
+        """
+        points, triangles = np.asarray(vertices, np.float64), np.asarray(faces)
+        if points.ndim != 2 or points.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
+            raise InputError(
+                f"{name}: expected vertices (n, 3) and triangles (m, 3), got {points.shape} and {triangles.shape}"
+            )
+        if len(points) == 0 or len(triangles) == 0:
+            raise InputError(f"{name} has {len(points)} vertices and {len(triangles)} triangles: there is no surface")
+        triangles = triangles.astype(np.int64)
+        if triangles.min() < 0 or triangles.max() >= len(points):
+            raise InputError(f"{name} has triangles of vertices that it does not have: export it again")
+        notes = []
+        finite = np.asarray(np.isfinite(points).all(1))
+        usable = finite[triangles].all(1)
+        notes += _said(~usable, "triangles have a vertex that is not finite, and were left out")
+        triangles = triangles[usable]
+        if len(triangles) == 0:
+            raise InputError(f"{name} has no triangle with finite vertices: export it again")
+        points, triangles = _compact(points, triangles)
+        origin = (points.min(0) + points.max(0)) / 2
+        points = points - origin
+        flat = _areas(points, triangles) <= FLAT * float(np.ptp(points, axis=0) @ np.ptp(points, axis=0))
+        notes += _said(flat, "triangles have no area, and were left out")
+        triangles = triangles[~flat]
+        _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+        notes += _said(np.ones(len(triangles) - len(first), bool), "triangles are there twice, and were left out")
+        triangles = triangles[np.sort(first)]
+        if len(triangles) == 0:
+            raise InputError(f"{name} has no triangle with an area: there is no surface")
+        neighbors, crowded, turned = _neighbors(triangles)
+        if crowded:
+            notes.append(f"{crowded} edges belong to more than two triangles (not manifold): walks end there")
+        if turned:
+            notes.append(f"{turned} edges join triangles of opposite orientation: normals are not consistent")
+        return Surface(points, triangles, neighbors, origin, tuple(notes))
+
+    @staticmethod
+    def read(path: str | Path) -> "Surface":
+        """A mesh from a PLY, OBJ, STL, GLB or OFF file (package trimesh, the extra `cloud`)."""
+        path = Path(path)
+        if path.suffix.lower() not in FORMATS:
+            raise InputError(f"{path}: meshes are read from {', '.join(FORMATS)} files")
+        if not path.is_file():
+            raise InputError(f"mesh {path} does not exist: check the path")
+        try:
+            import trimesh
+        except ImportError as error:
+            raise MissingDependency('meshes need trimesh: pip install "zpm2[cloud]"') from error
+        try:
+            mesh: Any = trimesh.load(path, force="mesh", process=False)
+            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        except Exception as error:  # trimesh's readers raise whatever their parsers do
+            raise InputError(f"mesh {path} cannot be read: {' '.join(str(error).split()) or repr(error)}") from error
+        return Surface.of(vertices, faces.reshape(-1, 3), f"mesh {path}")
+
+
+def _compact(points: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Only the vertices that are used, and those at exactly one place as one."""
+    used, inverse = np.unique(triangles, return_inverse=True)
+    distinct, same = np.unique(points[used] + 0.0, axis=0, return_inverse=True)
+    return distinct, same.ravel()[inverse.ravel()].reshape(triangles.shape)
+
+
+def _areas(points: Array, triangles: Indices) -> Array:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _neighbors(triangles: Indices) -> tuple[Indices, int, int]:
+    """(m, 3) neighbours, how many edges have more than two triangles, and how many join opposite orientations."""
+    m = len(triangles)
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    forward = start < end
+    key = np.where(forward, start, end) * (triangles.max() + 1) + np.where(forward, end, start)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    two = first[count == 2]
+    one, other = order[two], order[two + 1]
+    neighbors = np.full(3 * m, -1, np.int64)
+    neighbors[one], neighbors[other] = other // 3, one // 3
+    return neighbors.reshape(m, 3), int((count > 2).sum()), int((forward[one] == forward[other]).sum())
+
+
+def _said(which: NDArray[np.bool_], text: str) -> list[str]:
+    count = int(which.sum())
+    return [f"{count} {text}"] if count else []
