@@ -3,8 +3,9 @@
     python benchmarks/cloud_speed.py [--faces 100000 1000000 5000000]
 
 A rolling terrain seen from above. Rays are cast through 300,000 places of the view; 2,000 walks join places some 150 px
-apart in a view of 4000 px, as the sides of polygons do. Seconds to read neighbours, to build the tree, rays and
-crossings a second. Prints JSON (schema zpm2-bench-cloud/1).
+apart in a view of 4000 px, as the sides of polygons do; 1,000 polygons of some 100 px are lifted. Seconds to read
+neighbours, to build the tree, rays and crossings a second, seconds for the polygons. Prints JSON (schema
+zpm2-bench-cloud/1).
 """
 
 import argparse
@@ -15,9 +16,13 @@ from typing import Any
 import numpy as np
 from match_pairs import environment
 
-from zpm2.cloud import Surface, open_caster, walk
+from zpm2.cloud import Lifted, Surface, lift, open_caster, walk
+from zpm2.model import Camera, Polygon, PosedCamera
 
 RAYS, WALKS, EYE = 300_000, 2_000, np.array([0.0, 0.0, 3.0])
+DOWN = np.diag([1.0, -1.0, -1.0])
+CAMERA = Camera(np.array([[6000.0, 0, 2000], [0, 6000, 2000], [0, 0, 1]]), (4000, 4000))
+VIEW = PosedCamera(CAMERA, DOWN, -DOWN @ EYE)
 
 
 def terrain(faces: int) -> tuple[Any, Any]:
@@ -27,6 +32,16 @@ def terrain(faces: int) -> tuple[Any, Any]:
     at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
     return np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]]
+
+
+def polygons(rng: np.random.Generator, count: int = 1000) -> list[Polygon]:
+    """Irregular polygons of 12 corners."""
+    angle = np.linspace(0, 2 * np.pi, 13)[:-1]
+    found = []
+    for k in range(count):
+        radius = rng.uniform(30, 70) * rng.uniform(0.7, 1.3, 12)
+        found.append(Polygon(k, rng.uniform(300, 3700, 2) + radius[:, None] * np.c_[np.cos(angle), np.sin(angle)]))
+    return found
 
 
 def measured(faces: int) -> dict[str, Any]:
@@ -49,7 +64,17 @@ def measured(faces: int) -> dict[str, Any]:
     start = time.perf_counter()
     walks = walk(surface, (one.face, one.point), (other.face, other.point), np.broadcast_to(EYE, first.shape))
     walked = time.perf_counter() - start
+    start = time.perf_counter()
+    lifts = lift(polygons(rng), VIEW, surface, caster)
+    lifted = [found for found in lifts if isinstance(found, Lifted)]
+    took = time.perf_counter() - start
+    segments = sum(len(ring.points) for found in lifted for ring in found.rings)
     return {
+        "polygons_s": round(took, 2),
+        "polygons_lifted": len(lifted) / len(lifts),
+        "segments_on_surface": round(
+            1 - sum(f.bridged for f in lifted) / sum(len(r.points) for f in lifted for r in f.rings), 5
+        ),
         "faces": len(surface.faces),
         "surface_s": round(read, 3),
         "tree_s": round(built, 3),

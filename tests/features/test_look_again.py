@@ -61,6 +61,13 @@ def test_it_looks_as_often_as_it_must(points: int, again: int) -> None:
     assert len(found) == points
 
 
+def test_a_small_image_is_looked_at_once_a_turn() -> None:
+    matcher = Counting(0)
+    image = Image(np.zeros((300, 400, 3), np.uint8))
+    LookAgain(matcher, lambda: matcher, 1600).match(image, image)
+    assert matcher.asked_again == 8
+
+
 def test_it_is_asked_for_by_the_configuration() -> None:
     assert isinstance(create(PointsConfig(methods=("sift",), look_again=True)), LookAgain)
     assert not isinstance(create(PointsConfig(methods=("sift",))), LookAgain)

@@ -30,7 +30,7 @@ def test_superpoint_shapes() -> None:
     with torch.inference_mode():
         gray = torch.rand(1, 1, 64, 96)
         probability, descriptors = network(gray)
-        points, read, scores = superpoint.extract(network, gray, 20)
+        ((points, read, scores),) = superpoint.extract(network, gray, 20)
     assert probability.shape == (1, 64, 96)
     assert descriptors.shape == (1, 256, 8, 12)
     assert points.shape == (20, 2)
@@ -63,7 +63,7 @@ def ramp(channels: int, rows: int, columns: int) -> torch.Tensor:
 def test_superpoint_points_lie_where_the_probability_and_the_descriptor_say() -> None:
     probability = torch.zeros(1, 64, 96)
     probability[0, 21, 37], probability[0, 22, 38], probability[0, 2, 50] = 0.5, 0.4, 0.9  # a neighbour and a border
-    points, read, scores = superpoint.extract(Maps(probability, ramp(256, 8, 12)), torch.zeros(1, 1, 64, 96), 10)
+    ((points, read, scores),) = superpoint.extract(Maps(probability, ramp(256, 8, 12)), torch.zeros(1, 1, 64, 96), 10)
     assert points.tolist() == [[37, 21]]
     assert scores.tolist() == [0.5]
     assert torch.allclose(read[0, :2] / read[0, 2] * 100, torch.tensor([37.5, 21.5]), atol=1e-3)
@@ -76,7 +76,7 @@ def test_xfeat_points_are_moved_to_the_centre_of_mass() -> None:
         logits[0, y % 8 * 8 + x % 8, y // 8, x // 8] = value
     reliability = torch.full((1, 1, 8, 12), 0.5)
     network = Maps(ramp(64, 8, 12), logits, reliability)
-    points, read, scores = xfeat.extract(network, torch.zeros(1, 3, 64, 96), 10)
+    ((points, read, scores),) = xfeat.extract(network, torch.zeros(1, 3, 64, 96), 10)
     share = np.exp(-1) / (1 + np.exp(-1))
     assert torch.allclose(points, torch.tensor([[37 + share, 21.0]], dtype=torch.float32), atol=1e-4)
     assert np.isclose(scores.item(), 0.5 / (2 + np.exp(-1)))

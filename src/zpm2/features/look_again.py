@@ -44,12 +44,13 @@ class LookAgain:
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`."""
         found = self.matcher.match(left, right)
-        noise = NOISE_PX * max(1.0, max(left.width, left.height, right.width, right.height) / self.size)
+        longest = max(left.width, left.height, right.width, right.height)
+        noise = NOISE_PX * max(1.0, longest / self.size)
         looks, turns = [found], [np.zeros(len(found), np.int64)]
         for angles, enough in zip(ROUNDS, ENOUGH, strict=True):
             if len(found) >= MANY or _agreeing(found, noise).sum() >= enough:
                 break
-            for size in SIZES:
+            for size in sorted({min(size, longest) for size in SIZES}):
                 for angle, points in zip(angles, self._look(left, right, size, angles), strict=True):
                     looks.append(points)
                     turns.append(np.full(len(points), angle))

@@ -1,10 +1,20 @@
 """Plain data. Nothing here imports anything else of zpm2."""
 
-from zpm2.model.camera import Camera
+from zpm2.model.camera import Camera, PosedCamera
 from zpm2.model.image import Image
 from zpm2.model.mask import Mask
 from zpm2.model.match import PolygonMatch, Stage
 from zpm2.model.points import PointMatches
 from zpm2.model.polygon import Polygon, PolygonArrays
 
-__all__ = ["Camera", "Image", "Mask", "PointMatches", "Polygon", "PolygonArrays", "PolygonMatch", "Stage"]
+__all__ = [
+    "Camera",
+    "Image",
+    "Mask",
+    "PointMatches",
+    "Polygon",
+    "PolygonArrays",
+    "PolygonMatch",
+    "PosedCamera",
+    "Stage",
+]

@@ -51,3 +51,29 @@ class Camera:
         space = np.c_[rays, np.ones(len(rays))]
         bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(bent[:, 0], np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedCamera:
+    """A camera in the world: X_cam = R X_world + t."""
+
+    camera: Camera
+    rotation: Array  # (3, 3) R
+    translation: Array  # (3,) t
+
+    @property
+    def center(self) -> Array:
+        """(3,) where it stands, O = -R^T t."""
+        return np.asarray(-self.rotation.T @ self.translation)
+
+    def directions(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 3) directions of sight in the world, one unit of depth long (paper, Eq. raydir)."""
+        return np.asarray(np.c_[self.camera.rays(points), np.ones(len(points))] @ self.rotation)
+
+    def project(self, space: Array) -> Array:
+        """(n, 3) world -> (n, 2) image px; NaN for what lies behind the camera."""
+        p = space @ self.rotation.T + self.translation
+        before = p[:, 2] > 0
+        pixels = np.full((len(p), 2), np.nan)
+        pixels[before] = self.camera.pixels(p[before, :2] / p[before, 2:])
+        return pixels

@@ -30,7 +30,7 @@ class PoseFinder:
     """Relative poses of matched pairs. Opens its estimator and its point matcher once.
 
         result = zpm2.match("left.png", "right.png")
-        pose = PoseFinder()(result, cameras)
+        pose = PoseFinder(zpm2.preset("default"))(result, cameras)
 
     `config` is that of the run. `matcher` finds points in crops; the configured one is loaded where none is given and
     `pose.crops` asks for it.
