@@ -72,9 +72,7 @@ def measured(faces: int) -> dict[str, Any]:
     return {
         "polygons_s": round(took, 2),
         "polygons_lifted": len(lifted) / len(lifts),
-        "segments_on_surface": round(
-            1 - sum(f.bridged for f in lifted) / sum(len(r.points) for f in lifted for r in f.rings), 5
-        ),
+        "segments_on_surface": round(1 - sum(found.bridged for found in lifted) / segments, 5),
         "faces": len(surface.faces),
         "surface_s": round(read, 3),
         "tree_s": round(built, 3),
