@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 EXPLAINED = 0.95  # of the inliers of a pose, from which a simpler model is taken to explain all of them
 NOISE = 2.0  # thresholds within which a simpler model explains a point
 FEW, FEW_SHARE = 20, 0.15  # inliers, and share of the points, below which a pose may be chance
-PLACES = 3  # regions, or cells of the image, that the inliers must lie in
+REGIONS = 3  # matched regions that the inliers must lie in
 RIVAL = 0.5  # of the inliers, from which as many other points on another pose make a pose one of two
 UNSURE = 15.0  # degrees of one standard deviation, from which a direction is not known
 
@@ -42,7 +42,8 @@ def examine(
 ) -> Degeneracy:
     """What speaks against `motion`, estimated from homologous rays (n, 2) with `threshold`.
 
-    places: (n,) the region, or the cell of the image, of each point. sigma: degrees, of the direction of t.
+    places: (n,) the region of each point, negative for one outside of matched regions. sigma: degrees, of the direction
+    of t.
     """
     near = geometry.sampson_distance(motion.essential, left, right) <= NOISE * threshold
     turn = rotation_between(left[near], right[near], threshold)
@@ -52,7 +53,7 @@ def examine(
     flags = []
     if agree.sum() < max(FEW, FEW_SHARE * len(left)):
         flags.append("few_inliers")
-    if len(np.unique(places[agree])) < PLACES:
+    if len(np.unique(places[agree & (places >= 0)])) < REGIONS:
         flags.append("few_regions")
     if rotates:
         return Degeneracy((*flags, "pure_rotation"), turn, agree)

@@ -209,7 +209,7 @@ def inconsistent_regions(
 
 
 def places_of(points: Correspondences, size: tuple[int, int]) -> NDArray[np.intp]:
-    """(n,) the region of each point; for one without, its cell of the left image."""
+    """(n,) the region of each point; for one without, its cell of the left image, below 0."""
     column, row = np.minimum((points.points.left * CELLS / np.array(size)).astype(np.intp), CELLS - 1).clip(0).T
     return np.where(points.region >= 0, points.region, -1 - (row * CELLS + column))
 

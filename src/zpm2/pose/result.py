@@ -27,7 +27,7 @@ MEANING = {
     "pure_rotation": "the camera only turned: there is no direction of translation",
     "planar_scene": "the scene is one plane: other poses may explain it as well (alternatives)",
     "few_inliers": "so few points agree that it may be chance",
-    "few_regions": "the points that agree lie in one or two places",
+    "few_regions": "fewer than three matched regions hold points that agree",
     "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
