@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, Zpm2Error
 
 if TYPE_CHECKING:
     from zpm2.config import Config
@@ -69,9 +69,6 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 @contextmanager
 def fresh_folder(out: Path, *inputs: Path) -> Iterator[Path]:
     """The output folder, tried out; gone again if a run that made it ends in an error and left nothing in it."""
-    from contextlib import suppress
-
-    from zpm2.errors import Zpm2Error
     from zpm2.io.files import output_folder
 
     fresh = not out.exists()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from zpm2.errors import Failed
 
 Array = NDArray[np.float64]
+HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0 to ours
 
 
 def homogeneous(points: Array) -> Array:
@@ -45,6 +46,13 @@ def epipolar_lines(fundamental: Array, left: Array) -> Array:
     return np.asarray(lines / np.maximum(norm, 1e-300))
 
 
+def turn_rays(rotation: Array, rays: Array) -> Array:
+    """(n, 2) rays x / z, y / z in a frame turned by `rotation` (3, 3); NaN where they point backwards there."""
+    p = homogeneous(rays) @ rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(p[:, 2:] > 1e-6, p[:, :2] / p[:, 2:], np.nan)
+
+
 def epipolar_distance(fundamental: Array, left: Array, right: Array) -> Array:
     """(n,) px: distance of each right point to the epipolar line of its left point."""
     return np.abs(np.einsum("ni,ni->n", epipolar_lines(fundamental, left), homogeneous(right)))
@@ -53,10 +61,15 @@ def epipolar_distance(fundamental: Array, left: Array, right: Array) -> Array:
 def sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
     """(n,) px: first-order distance of a pair to the epipolar constraint, both images counted
     (Hartley and Zisserman, Multiple View Geometry, 2nd ed., Eq. 11.9, square root)."""
+    return np.abs(signed_sampson_distance(fundamental, left, right))
+
+
+def signed_sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
+    """(n,) the same with the sign of the algebraic error, so that it can be derived."""
     l2 = homogeneous(left) @ fundamental.T
     l1 = homogeneous(right) @ fundamental
     e = np.einsum("ni,ni->n", homogeneous(right), l2)
-    return np.asarray(np.abs(e) / np.sqrt(np.maximum((l2[:, :2] ** 2).sum(1) + (l1[:, :2] ** 2).sum(1), 1e-300)))
+    return np.asarray(e / np.sqrt(np.maximum((l2[:, :2] ** 2).sum(1) + (l1[:, :2] ** 2).sum(1), 1e-300)))
 
 
 def fundamental_matrix(

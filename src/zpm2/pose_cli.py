@@ -124,10 +124,8 @@ def _cameras(
     if texts[0] is None:
         if texts[1] is not None:
             raise ConfigError("--K2 without --K: give both, or --K alone for two images of one camera")
-        found = [from_exif(path, size) for path, size in zip(paths, sizes, strict=True)]
-        if any(isinstance(camera, Failed) for camera in found):
-            return None
-        return found[0], found[1]  # type: ignore[return-value]
+        first, second = (from_exif(path, size) for path, size in zip(paths, sizes, strict=True))
+        return None if isinstance(first, Failed) or isinstance(second, Failed) else (first, second)
     if texts[1] is None and sizes[0] != sizes[1] and texts[0] not in ("exif", "guess"):
         raise ConfigError(f"the images have {_size(sizes[0])} and {_size(sizes[1])} px: give --K2 for the right one")
     both = texts[0], texts[1] or texts[0]

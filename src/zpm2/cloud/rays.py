@@ -46,7 +46,7 @@ class Embree:
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-        self.surface, self.corners = surface, surface.corners
+        self.corners = surface.corners
         mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
         self.tree = RayMeshIntersector(mesh)
 
@@ -64,7 +64,7 @@ class EveryTriangle:
     note: str | None = 'embreex is not installed, rays are cast slowly: pip install "zpm2[cloud]"'
 
     def __init__(self, surface: Surface) -> None:
-        self.surface, self.corners = surface, surface.corners
+        self.corners = surface.corners
 
     def first_hits(self, origins: Array, directions: Array) -> Hits:
         face = np.full(len(origins), -1, np.int64)

@@ -1,6 +1,7 @@
 """A triangle mesh as the rays and the walks want it: clean, with neighbours, near the origin."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,12 @@ class Surface:
     origin: Array  # (3,) what was taken off the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """(m, 3, 3) coordinates of the three corners of each triangle."""
         return self.vertices[self.faces]
 
-    @property
+    @cached_property
     def normals(self) -> Array:
         """(m, 3) unit normals, by the order of the corners."""
         a, b, c = np.moveaxis(self.corners, 1, 0)
@@ -63,7 +64,7 @@ class Surface:
         notes = []
         finite = np.asarray(np.isfinite(points).all(1))
         usable = finite[triangles].all(1)
-        notes += _said(~usable, "triangles have a vertex that is not finite, and were left out")
+        notes += _said(int((~usable).sum()), "triangles have a vertex that is not finite, and were left out")
         triangles = triangles[usable]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with finite vertices: export it again")
@@ -71,10 +72,10 @@ class Surface:
         origin = (points.min(0) + points.max(0)) / 2
         points = points - origin
         flat = _areas(points, triangles) <= FLAT * float(np.ptp(points, axis=0) @ np.ptp(points, axis=0))
-        notes += _said(flat, "triangles have no area, and were left out")
+        notes += _said(int(flat.sum()), "triangles have no area, and were left out")
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-        notes += _said(np.ones(len(triangles) - len(first), bool), "triangles are there twice, and were left out")
+        notes += _said(len(triangles) - len(first), "triangles are there twice, and were left out")
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")
@@ -132,6 +133,5 @@ def _neighbors(triangles: Indices) -> tuple[Indices, int, int]:
     return neighbors.reshape(m, 3), int((count > 2).sum()), int((forward[one] == forward[other]).sum())
 
 
-def _said(which: NDArray[np.bool_], text: str) -> list[str]:
-    count = int(which.sum())
+def _said(count: int, text: str) -> list[str]:
     return [f"{count} {text}"] if count else []

@@ -19,8 +19,7 @@ from zpm2.cloud.surface import Surface
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 LONGEST = 4.0  # of the straight distance: a walk that is longer went around something
-ARRIVED, BORDER, LOST, LONG = range(4)  # how a walk ended
-REASONS = ("arrived", "the surface ends", "no edge to cross", "the way along the surface is too long")
+ARRIVED, BORDER, LOST, LONG = range(4)  # how a walk ended: the last three at a border, without an edge, too long
 
 
 @dataclass(frozen=True, eq=False)

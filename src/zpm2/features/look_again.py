@@ -97,8 +97,7 @@ def _view(image: Image, size: int, angle: int) -> tuple[Image, NDArray[np.float6
     turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     turned[:2, 2] = np.array([wide, high]) / 2 - turned[:2, :2] @ [width / 2, height / 2]
     if angle:
-        half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
-        matrix = (np.linalg.inv(half) @ turned @ half)[:2]
+        matrix = (np.linalg.inv(geometry.HALF_PIXEL) @ turned @ geometry.HALF_PIXEL)[:2]
         rgb = cv2.warpAffine(rgb, matrix, (wide, high), flags=cv2.INTER_LINEAR)
     scale = np.diag([image.width / width, image.height / height, 1.0])
     return Image(np.asarray(rgb, np.uint8)), scale @ np.linalg.inv(turned)

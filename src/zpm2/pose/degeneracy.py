@@ -47,7 +47,7 @@ def examine(
     """
     near = geometry.sampson_distance(motion.essential, left, right) <= NOISE * threshold
     turn = rotation_between(left[near], right[near], threshold)
-    turned = np.linalg.norm(_turned(turn, left) - right, axis=1) <= NOISE * threshold
+    turned = np.linalg.norm(geometry.turn_rays(turn, left) - right, axis=1) <= NOISE * threshold
     rotates = turned[near].mean() >= EXPLAINED if near.any() else False  # where nothing moves, nothing is in front
     agree = turned if rotates else motion.inliers
     flags = []
@@ -78,12 +78,6 @@ def rotation_between(left: Array, right: Array, threshold: float) -> Array:
         error = np.linalg.norm(a @ rotation.T - b, axis=1) / threshold
         weight = 1 / (1 + error**2)
     return np.asarray(rotation)
-
-
-def _turned(rotation: Array, rays: Array) -> Array:
-    """(n, 2) rays after a rotation; far away where they point backwards."""
-    p = geometry.homogeneous(rays) @ rotation.T
-    return np.where(p[:, 2:] > 1e-9, p[:, :2] / np.maximum(p[:, 2:], 1e-9), 1e9)
 
 
 def _other_motions(

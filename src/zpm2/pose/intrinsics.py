@@ -95,7 +95,7 @@ def refuse_swapped(cameras: tuple[Camera, Camera]) -> None:
 
 def guess(size: Size) -> Camera:
     """A camera about which nothing is known: 1.2 times the longer side, principal point in the middle."""
-    return _centred(GUESS * max(size), size, "guess")
+    return centred(GUESS * max(size), size, "guess")
 
 
 def from_exif(image: str | Path, size: Size) -> Camera | Failed:
@@ -112,11 +112,11 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")
     diagonal = float(np.hypot(*size))
     if (equivalent := _positive(values.get(FOCAL_35))) is not None:
-        return _centred(equivalent / FULL_FRAME * diagonal, size, "exif")
+        return centred(equivalent / FULL_FRAME * diagonal, size, "exif")
     focal, resolution = _positive(values.get(FOCAL)), _positive(values.get(PLANE_X))
     if focal is not None and resolution is not None and values.get(PLANE_UNIT) in UNITS:
         stored = _positive(values.get(WIDTH)) or size[0]
-        return _centred(focal * resolution / UNITS[values[PLANE_UNIT]] * size[0] / stored, size, "exif")
+        return centred(focal * resolution / UNITS[values[PLANE_UNIT]] * size[0] / stored, size, "exif")
     if focal is not None and (found := _from_sensor_table(image, size)) is not None:
         return found
     known = f"focal length {focal:g} mm without the size of the sensor" if focal else "no focal length"
@@ -129,7 +129,7 @@ def _from_sensor_table(image: str | Path, size: Size) -> Camera | None:
     except ImportError:
         return None
     camera = pycolmap.infer_camera_from_image(str(image))
-    return _centred(camera.mean_focal_length(), size, "exif") if camera.has_prior_focal_length else None
+    return centred(camera.mean_focal_length(), size, "exif") if camera.has_prior_focal_length else None
 
 
 def _from_colmap(path: Path, image: str | Path, size: Size, name: str) -> Camera:
@@ -171,7 +171,8 @@ def _from_file(path: Path, name: str) -> tuple[Array, Array]:
     raise InputError(f"--{name} {path} holds {len(flat)} numbers: expected a 3 x 3 matrix")
 
 
-def _centred(focal: float, size: Size, source: Source) -> Camera:
+def centred(focal: float, size: Size, source: Source) -> Camera:
+    """A camera with square pixels and its principal point in the middle of the image."""
     matrix = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
     return Camera(matrix, size, source=source)
 

@@ -54,10 +54,15 @@ def union(known: Correspondences, more: Correspondences) -> Correspondences:
     return together[distinct(together.points, SAME_PX)]
 
 
+def cell_of(points: PointMatches, size: tuple[int, int], cells: int) -> NDArray[np.intp]:
+    """(n,) which of `cells` x `cells` cells of a left image of `size` px each point lies in, row by row from 0."""
+    column, row = np.minimum((points.left * cells / np.array(size)).astype(np.intp), cells - 1).clip(0).T
+    return np.asarray(row * cells + column)
+
+
 def spread(points: PointMatches, size: tuple[int, int], cells: int, most: int) -> NDArray[np.bool_]:
     """(n,) which points to keep, at most `most` in each of `cells` x `cells` cells of the left image, best first."""
-    column, row = np.minimum((points.left * cells / np.array(size)).astype(np.int64), cells - 1).clip(0).T
-    cell = row * cells + column
+    cell = cell_of(points, size, cells)
     order = np.lexsort((-points.score, cell))
     first = np.searchsorted(cell[order], cell[order])
     keep = np.zeros(len(points), bool)

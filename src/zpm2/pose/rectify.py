@@ -104,14 +104,14 @@ def _seen(camera: Camera, turn: Array, points: Array) -> Array:
     border = np.concatenate([np.c_[x, 0 * x], np.c_[x, 0 * x + height], np.c_[0 * y, y], np.c_[0 * y + width, y]])
     rays = geometry.homogeneous(camera.rays(border)) @ turn.T
     rays = rays[rays[:, 2] > np.cos(np.radians(STEEP)) * np.linalg.norm(rays, axis=1)]
-    inside = _turned(turn, camera.rays(points))
+    inside = geometry.turn_rays(turn, camera.rays(points))
     return np.concatenate([rays[:, :2] / rays[:, 2:], inside[np.isfinite(inside).all(1)]])
 
 
 def _drawn(image: Image, original: Camera, turn: Array, camera: Camera) -> Image:
-    half = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # OpenCV counts pixel centres from 0
+    to_opencv = np.linalg.inv(geometry.HALF_PIXEL)
     maps = cv2.initUndistortRectifyMap(
-        half @ original.matrix, original.distortion, turn, half @ camera.matrix, camera.size, cv2.CV_32FC1
+        to_opencv @ original.matrix, original.distortion, turn, to_opencv @ camera.matrix, camera.size, cv2.CV_32FC1
     )
     return Image(np.asarray(cv2.remap(image.rgb, *maps, cv2.INTER_LINEAR), np.uint8))
 
@@ -120,7 +120,7 @@ def _moved(polygons: Sequence[Polygon], original: Camera, turn: Array, camera: C
     """The polygons in the rectified view, without those of which a part turned out of sight."""
     moved = []
     for polygon in polygons:
-        rays = [_turned(turn, original.rays(ring)) for ring in (polygon.exterior, *polygon.holes)]
+        rays = [geometry.turn_rays(turn, original.rays(ring)) for ring in (polygon.exterior, *polygon.holes)]
         if all(np.isfinite(ring).all() for ring in rays):
             exterior, *holes = (camera.pixels(ring) for ring in rays)
             moved.append(dataclasses.replace(polygon, exterior=exterior, holes=tuple(holes)))
@@ -143,10 +143,3 @@ def _turns(rotation: Array, translation: Array) -> tuple[Array, Array, int] | No
     if length > 1e-12:
         turn, _ = cv2.Rodrigues(across / length * np.arctan2(length, direction @ target))
     return np.asarray(turn @ half), np.asarray(turn @ half.T), axis
-
-
-def _turned(rotation: Array, rays: Array) -> Array:
-    """(n, 2) rays in a turned frame; NaN where they point backwards."""
-    p = geometry.homogeneous(rays) @ rotation.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(p[:, 2:] > 1e-6, p[:, :2] / p[:, 2:], np.nan)

@@ -1,5 +1,6 @@
 """The pose that fits the inliers best, and how sure it is."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -50,7 +51,7 @@ def refine(motion: Motion, left: Array, right: Array, group: NDArray[np.intp], t
 
     def residual(x: Array) -> Array:
         rotation, translation = moved(x)
-        return _signed_sampson(geometry.cross_matrix(translation) @ rotation, left, right) / threshold
+        return geometry.signed_sampson_distance(geometry.cross_matrix(translation) @ rotation, left, right) / threshold
 
     found = least_squares(residual, np.zeros(5), jac="3-point", loss="cauchy", x_scale=1e-3, max_nfev=50)
     rotation, translation = moved(found.x)
@@ -67,17 +68,10 @@ def refine(motion: Motion, left: Array, right: Array, group: NDArray[np.intp], t
     return Refined(Motion(rotation, translation, motion.inliers), np.asarray(covariance))
 
 
-def _jacobian(function, x: Array, step: float = 1e-6) -> Array:  # type: ignore[no-untyped-def]
+def _jacobian(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
+    """(n, k) derivatives of n values by k parameters, without the loss that `least_squares` puts into its own."""
     columns = [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))]
     return np.stack(columns, axis=1)
-
-
-def _signed_sampson(essential: Array, left: Array, right: Array) -> Array:
-    """(n,) Sampson distance of homologous rays with its sign, so that it can be derived."""
-    a, b = geometry.homogeneous(left), geometry.homogeneous(right)
-    there, back = a @ essential.T, b @ essential
-    scale = np.sqrt(np.maximum((there[:, :2] ** 2).sum(1) + (back[:, :2] ** 2).sum(1), 1e-300))
-    return np.asarray((b * there).sum(1) / scale)
 
 
 def _tangent(direction: Array) -> Array:

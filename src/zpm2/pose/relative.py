@@ -15,7 +15,8 @@ from zpm2.model import Camera, Image, PolygonArrays
 from zpm2.pose import crops, degeneracy
 from zpm2.pose.estimators import ENOUGH, Motion, PoseEstimator, open_estimator
 from zpm2.pose.focal import focal_from_points
-from zpm2.pose.points import Correspondences, region_of, spread, union
+from zpm2.pose.intrinsics import centred
+from zpm2.pose.points import Correspondences, cell_of, region_of, spread, union
 from zpm2.pose.refine import Refined, refine
 from zpm2.pose.result import Pose, PoseResult
 from zpm2.result import MatchResult
@@ -189,11 +190,7 @@ class PoseFinder:
         focal = focal_from_points(result.points[near], sizes, self.config.seed)
         if isinstance(focal, Failed):
             return focal
-        first, second = (
-            Camera(np.array([[focal[0], 0, w / 2], [0, focal[0], h / 2], [0, 0, 1.0]]), (w, h), source="estimated")
-            for w, h in sizes
-        )
-        return first, second
+        return centred(focal[0], sizes[0], "estimated"), centred(focal[0], sizes[1], "estimated")
 
 
 def inconsistent_regions(
@@ -210,8 +207,7 @@ def inconsistent_regions(
 
 def places_of(points: Correspondences, size: tuple[int, int]) -> NDArray[np.intp]:
     """(n,) the region of each point; for one without, its cell of the left image, below 0."""
-    column, row = np.minimum((points.points.left * CELLS / np.array(size)).astype(np.intp), CELLS - 1).clip(0).T
-    return np.where(points.region >= 0, points.region, -1 - (row * CELLS + column))
+    return np.where(points.region >= 0, points.region, -1 - cell_of(points.points, size, CELLS))
 
 
 def _with_inliers(

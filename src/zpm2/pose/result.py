@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2 import geometry
 from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.model import Camera
 from zpm2.pose.degeneracy import Degeneracy
-from zpm2.pose.estimators import Motion
 from zpm2.pose.points import Correspondences
 from zpm2.pose.refine import Refined
 
@@ -55,7 +55,7 @@ class Pose:
         """(3, 3) E = [t]x R: r_right^T E r_left = 0 for rays; None where the camera only turned."""
         if self.translation is None:
             return None
-        return Motion(self.rotation, self.translation, np.zeros(0, bool)).essential
+        return geometry.cross_matrix(self.translation) @ self.rotation
 
     @staticmethod
     def of(refined: Refined, seen: Degeneracy) -> "Pose":

@@ -11,18 +11,17 @@ import scipy.linalg
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import existing, text
 from zpm2.evaluate.pairs import Array
-
-_HALF_PIXEL = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+from zpm2.geometry import HALF_PIXEL
 
 
 def intrinsics(matrix: Array) -> Array:
     """3 x 3 K with pixel centres at +0.5, of one that counts them from 0 (4 x 4 as in ScanNet: its upper left part)."""
-    return _HALF_PIXEL @ np.asarray(matrix, np.float64)[:3, :3]
+    return HALF_PIXEL @ np.asarray(matrix, np.float64)[:3, :3]
 
 
 def homography(matrix: Array) -> Array:
     """3 x 3 H between points with pixel centres at +0.5, of one between points that count them from 0."""
-    return _HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(_HALF_PIXEL)
+    return HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(HALF_PIXEL)
 
 
 def resized(matrix: Array, size: tuple[int, int], new_size: tuple[int, int]) -> Array:
