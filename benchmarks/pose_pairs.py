@@ -9,7 +9,6 @@ to stderr and one JSON document (schema zpm2-bench-pose/1) to stdout.
 """
 
 import argparse
-import dataclasses
 import json
 import sys
 import time
@@ -26,7 +25,7 @@ from zpm2.evaluate import pose_auc, pose_error
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import PoseTruth
 from zpm2.evaluate.predictions import folder_of
-from zpm2.evaluate.report import cameras_of
+from zpm2.evaluate.report import cameras_of, without_polygons
 from zpm2.pose import PoseFinder
 from zpm2.result import MatchResult
 
@@ -35,13 +34,10 @@ def variants() -> dict[str, Config]:
     """What is compared, by name."""
     paper, best = config.preset("paper"), config.preset("default")
 
-    def plain(of: Config) -> Config:
-        return dataclasses.replace(of, pose=dataclasses.replace(of.pose, points="all", crops="off", bucket=0))
-
     return {
-        "all points, opencv": plain(paper),
+        "all points, opencv": without_polygons(paper),
         "paper's protocol, opencv": paper,
-        "all points, poselib": plain(best),
+        "all points, poselib": without_polygons(best),
         "default": best,
     }
 

@@ -193,6 +193,8 @@ def _check_range(name: str, value: Any) -> None:
             "global_match.top_size",
             "local_match.neighbors",
             "global_match.max_layers",
+            "pose.crop_points",
+            "pose.max_crops",
         )
         and value < 1
     ):
@@ -201,6 +203,10 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")
     if name == "global_match.factor" and value < 2:
         raise ConfigError(f"{name} must be at least 2, got {value}")
+    if name == "pose.crop_size" and value < 32:
+        raise ConfigError(f"{name} must be at least 32 px, got {value}")
+    if name == "pose.noise_px" and value == 0:
+        raise ConfigError(f"{name} must be above 0 px, got {value}")
     if name == "local_match.patch" and value < 4:
         raise ConfigError(f"{name} must be at least 4 px, got {value}")
     if name in SHARES and value > 1:

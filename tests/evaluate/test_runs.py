@@ -230,6 +230,13 @@ def test_poses_are_predicted_and_scored_beside_plain_points(pair: Pair, posed: P
     assert lines[-1].startswith("| zpm2, all points, no polygons |")
 
 
+def test_all_points_means_all() -> None:
+    """Beside polygons stands what the points give without them: none filtered, none from crops, none left out."""
+    plain = report.without_polygons(preset("default")).pose
+    assert (plain.points, plain.crops, plain.bucket) == ("all", "off", 0)
+    assert (plain.estimator, plain.noise_px) == (preset("default").pose.estimator, preset("default").pose.noise_px)
+
+
 def test_a_pair_without_a_predicted_pose_has_that_of_its_points(pair: Pair, posed: Path, tmp_path: Path) -> None:
     pairs, out = list(open_dataset("scannet1500", posed).pairs()), tmp_path / "out"
     predictions.predict(pairs, Counting(pair).load, out, lambda _: None)

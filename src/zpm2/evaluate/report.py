@@ -65,8 +65,7 @@ def _dense(result: MatchResult, truth: Any) -> Row:
 
 def _pose(result: MatchResult, predicted: Mapping[str, Any] | None, truth: PoseTruth) -> Row:
     config = Config.from_dict({k: v for k, v in result.config.items() if k in ("pose", "points", "seed")})
-    plain = dataclasses.replace(config.pose, points="all", crops="off")
-    found = PoseFinder(dataclasses.replace(config, pose=plain))(result, cameras_of(result, truth))
+    found = PoseFinder(without_polygons(config))(result, cameras_of(result, truth))
     pose = found.pose
     errors = _pose_errors(None if isinstance(pose, Failed) else (pose.rotation, pose.translation), truth)
     figures: Row = {"error_R_points": errors[0], "error_t_points": errors[1]}
@@ -85,6 +84,11 @@ def _pose_errors(motion: tuple[Any, Any] | None, truth: PoseTruth) -> tuple[floa
     if motion is None or motion[1] is None:
         return float("inf"), float("inf")
     return pose_error(np.asarray(motion[0]), np.asarray(motion[1]), truth.pose)
+
+
+def without_polygons(config: Config) -> Config:
+    """The same estimator on all homologous points as they are."""
+    return dataclasses.replace(config, pose=dataclasses.replace(config.pose, points="all", crops="off", bucket=0))
 
 
 def cameras_of(result: MatchResult, truth: PoseTruth) -> tuple[Camera, Camera]:
