@@ -58,3 +58,14 @@ def distance_to(surface: Surface, face: int, point: Array) -> float:
     u, v = np.clip(weights, 0, None)
     total = max(u + v, 1.0)
     return float(np.linalg.norm(a + (b - a) * u / total + (c - a) * v / total - point))
+
+
+def cylinder(radius: float = 1.0, length: float = 4.0, n: int = 48) -> Surface:
+    """Along x, around the origin."""
+    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    steps = np.linspace(-length / 2, length / 2, n + 1)
+    points = np.array([[x, radius * np.sin(t), radius * np.cos(t)] for x in steps for t in turn])
+    at = np.arange((n + 1) * n).reshape(n + 1, n)
+    a, b = at[:-1], at[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    return Surface.of(points, np.r_[np.c_[a.ravel(), b.ravel(), c.ravel()], np.c_[a.ravel(), c.ravel(), d.ravel()]])

@@ -25,6 +25,7 @@ class Surface:
     neighbors: Indices  # (m, 3) the face across the edge from corner k to corner k + 1; -1 at a border
     origin: Array  # (3,) what was taken off the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
+    filled: int = 0  # how many of the triangles, the last ones, fill holes (`holes.fill_holes`)
 
     @cached_property
     def corners(self) -> Array:
@@ -79,7 +80,7 @@ class Surface:
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")
-        neighbors, crowded, turned = _neighbors(triangles)
+        neighbors, crowded, turned = neighbors_of(triangles)
         if crowded:
             notes.append(f"{crowded} edges belong to more than two triangles (not manifold): walks end there")
         if turned:
@@ -118,7 +119,7 @@ def _areas(points: Array, triangles: Indices) -> Array:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
-def _neighbors(triangles: Indices) -> tuple[Indices, int, int]:
+def neighbors_of(triangles: Indices) -> tuple[Indices, int, int]:
     """(m, 3) neighbours, how many edges have more than two triangles, and how many join opposite orientations."""
     m = len(triangles)
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()

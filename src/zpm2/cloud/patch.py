@@ -1,0 +1,206 @@
+"""Closed boundaries cut into the mesh, so that each polygon is a mesh of its own (paper 3.5.2, Definition and (4))."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from zpm2.cloud.lift import Lifted
+from zpm2.cloud.surface import Surface
+from zpm2.errors import Failed
+from zpm2.model import PosedCamera
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+SAME = 1e-6  # px: corners of cut triangles that are nearer to a known point are that point
+THIN = 1e-10  # px^2: triangles that the camera sees from the side cannot be cut in the image
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A piece of a surface: n vertices, m triangles, all of them turned towards the camera that saw it."""
+
+    vertices: Array  # (n, 3) in the surface's coordinates
+    faces: Indices  # (m, 3)
+    source: Indices  # (m,) the triangle of the surface on which each one lies
+
+    @cached_property
+    def _across(self) -> Array:
+        """(m, 3) normals, twice as long as the area."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return np.cross(b - a, c - a)
+
+    @cached_property
+    def areas(self) -> Array:
+        """(m,) of the triangles, squared units of the mesh."""
+        return np.asarray(np.linalg.norm(self._across, axis=1) / 2)
+
+    @property
+    def area(self) -> float:
+        """Of the whole, squared units of the mesh."""
+        return float(self.areas.sum())
+
+    @cached_property
+    def normals(self) -> Array:
+        """(m, 3) unit normals, towards the camera: the normal field."""
+        return self._across / np.maximum(2 * self.areas, 1e-300)[:, None]
+
+    @cached_property
+    def normal(self) -> Array:
+        """(3,) unit mean of the normals by area."""
+        total = self._across.sum(0)
+        return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
+
+    @property
+    def normal_spread(self) -> float:
+        """Degrees, root mean square angle of the normals to their mean, by area."""
+        angle = np.degrees(np.arccos(np.clip(self.normals @ self.normal, -1, 1)))
+        return float(np.sqrt(np.average(angle**2, weights=self.areas)))
+
+    @cached_property
+    def centroid(self) -> Array:
+        """(3,) of the surface's area, in the surface's coordinates."""
+        middles = self.vertices[self.faces].mean(1)
+        return np.asarray(np.average(middles, axis=0, weights=self.areas))
+
+    @cached_property
+    def _spread(self) -> Array:
+        """(3,) variances of the surface along its principal axes, ascending."""
+        corners = self.vertices[self.faces] - self.centroid
+        middle = corners.mean(1)
+        # exact integral of x x^T over a triangle
+        second = np.einsum("nki,nkj,n->ij", corners, corners, self.areas) / 12
+        second += 9 * np.einsum("ni,nj,n->ij", middle, middle, self.areas) / 12
+        return np.asarray(np.clip(np.linalg.eigvalsh(second / self.area), 0, None))
+
+    @property
+    def planarity(self) -> float:
+        """1 on a plane, 0 where it spreads alike in all directions: 1 - 3 times the surface variation of Pauly, Gross
+        and Kobbelt (Efficient simplification of point-sampled surfaces, 2002)."""
+        return float(1 - 3 * self._spread[0] / max(float(self._spread.sum()), 1e-300))
+
+    @property
+    def plane_distance(self) -> float:
+        """Root mean square distance to the plane that fits best, units of the mesh."""
+        return float(np.sqrt(self._spread[0]))
+
+    @property
+    def curvature(self) -> float:
+        """Mean of the mean curvature (k1 + k2) / 2, per unit of the mesh, positive where the surface bulges towards the
+        camera: half the sum of length times bend over inner edges (Steiner), by area. 1 / r on a sphere."""
+        start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
+        key = np.minimum(start, end) * len(self.vertices) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+        two = first[count == 2]
+        one, other = order[two], order[two + 1]
+        along = self.vertices[end[one]] - self.vertices[start[one]]
+        length = np.linalg.norm(along, axis=1)
+        n, m = self.normals[one // 3], self.normals[other // 3]
+        sine = np.einsum("ni,ni->n", np.cross(n, m), along) / np.maximum(length, 1e-300)
+        bend = np.arctan2(sine, np.einsum("ni,ni->n", n, m))
+        return float((length * bend).sum() / 2 / self.area)
+
+
+class Cutter:
+    """Cuts lifted polygons of one view out of a surface."""
+
+    def __init__(self, surface: Surface, view: PosedCamera) -> None:
+        self.surface, self.view = surface, view
+        self._pixels = view.project(surface.vertices + surface.origin)  # (n, 2), NaN behind the camera
+        self._seen = np.full(len(surface.faces), -1, np.int64)  # the last polygon that came by each triangle
+        self._turn = -1
+        self._center = view.center - surface.origin
+
+    def cut(self, lifted: Lifted) -> Patch | Failed:
+        """The piece of the surface that the boundary encloses.
+
+        Triangles on which the boundary lies are cut along it, as the camera sees them; all others inside are found by
+        going from neighbour to neighbour, so that what only lies behind in the image never comes in. Every point of the
+        boundary is a vertex of the patch. `Failed` where nothing is enclosed.
+        """
+        surface = self.surface
+        rings = [self.view.project(ring.points + surface.origin) for ring in lifted.rings]
+        shape = shapely.Polygon(rings[0], rings[1:])
+        if not shape.is_valid:
+            shape = max(shapely.get_parts(shapely.make_valid(shape)), key=shapely.area)
+        if shape.geom_type != "Polygon" or shape.area == 0:
+            return Failed("its boundary encloses nothing")
+        border = np.unique(np.concatenate([ring.faces for ring in lifted.rings]))
+        border = border[border >= 0]
+        whole = self._enclosed(shape, border)
+        corner, local = np.unique(surface.faces[np.r_[whole, border]], return_inverse=True)
+        local = local.reshape(-1, 3)
+        known = np.concatenate([*rings, self._pixels[corner]])  # the boundary, then the surface's vertices
+        first = len(known) - len(corner)
+        in_border = np.zeros(len(corner), bool)
+        in_border[local[len(whole) :]] = True
+        near = np.r_[np.arange(first), first + np.flatnonzero(in_border)]
+        cut, source, added = self._pieces(shape, border, known, near)
+        faces = np.concatenate([local[: len(whole)] + first, cut])
+        if len(faces) == 0:
+            return Failed("its boundary encloses nothing")
+        points = np.concatenate([*(ring.points for ring in lifted.rings), surface.vertices[corner], added])
+        used, inverse = np.unique(faces, return_inverse=True)
+        patch = _towards(self._center, points[used], inverse.reshape(-1, 3), np.r_[whole, source])
+        return patch if patch.area > 0 else Failed("its boundary encloses nothing")
+
+    def _enclosed(self, shape: shapely.Polygon, border: Indices) -> Indices:
+        """The triangles inside that the boundary does not touch: from the border on, through edges inside."""
+        shapely.prepare(shape)
+        self._turn += 1
+        self._seen[border] = self._turn
+        inside, front = [np.zeros(0, np.int64)], border
+        while len(front):
+            corners = self._pixels[self.surface.faces[front]]
+            middle = (corners + np.roll(corners, -1, axis=1)) / 2
+            across = self.surface.neighbors[front]
+            goes = (across >= 0) & (self._seen[across] != self._turn)
+            goes[goes] = shapely.contains_xy(shape, middle[goes])
+            front = np.unique(across[goes])
+            self._seen[front] = self._turn
+            inside.append(front)
+        return np.concatenate(inside)
+
+    def _pieces(
+        self, shape: shapely.Polygon, border: Indices, known: Array, near: Indices
+    ) -> tuple[Indices, Indices, Array]:
+        """The parts inside of the triangles that the boundary touches: (k, 3) corners by the rows of `known` px (of
+        which only those of `near` can be meant) and of the added points after them, (k,) the triangles they are part
+        of, and (a, 3) the added points."""
+        surface = self.surface
+        seen = self._pixels[surface.faces[border]]
+        across = np.diff(seen, axis=1)
+        big = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0]) > THIN
+        border, seen = border[big], seen[big]
+        inside = shapely.intersection(shapely.polygons(seen), shape)
+        parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(inside), return_index=True)
+        corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+        source = border[of]
+        distance, at = cKDTree(known[near]).query(corners, distance_upper_bound=SAME)
+        new = ~np.isfinite(distance)
+        row = np.where(new, 0, near[np.minimum(at, len(near) - 1)])
+        row[new] = len(known) + np.arange(int(new.sum()))
+        added = self._on_face(corners[new], np.repeat(source, 3)[new])
+        rows = row.reshape(-1, 3)
+        real = (rows != np.roll(rows, -1, axis=1)).all(1)
+        return rows[real], source[real], added
+
+    def _on_face(self, pixels: Array, face: Indices) -> Array:
+        """(n, 3) where lines of sight meet the planes of known triangles."""
+        direction = self.view.directions(pixels)
+        normal = self.surface.normals[face]
+        along = np.einsum("ni,ni->n", self.surface.corners[face, 0] - self._center, normal)
+        return np.asarray(self._center + direction * (along / np.einsum("ni,ni->n", direction, normal))[:, None])
+
+
+def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> Patch:
+    """A patch of these triangles, each turned so that it faces the camera's `center`."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    facing = np.einsum("ni,ni->n", np.cross(b - a, c - a), center - a)
+    away = facing < 0
+    faces = np.where(away[:, None], faces[:, ::-1], faces)
+    return Patch(vertices, faces, source)
