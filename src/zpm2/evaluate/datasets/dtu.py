@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from zpm2.errors import InputError
-from zpm2.evaluate.datasets import cameras
-from zpm2.evaluate.datasets.layout import existing, folders, found, path_name, photographs, text
+from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth
+from zpm2.io import cameras
+from zpm2.io.inputs import existing, folders, photographs, text
 
 _CAMERAS = ("cameras.npz", "cameras_sphere.npz")
 
@@ -40,7 +39,7 @@ def _mvsnet(scan: Path) -> Iterator[EvalPair]:
         images = [
             existing(scan / "images" / f"{view:08d}.jpg", scan / "images" / f"{view:08d}.png") for view in (left, right)
         ]
-        views = [_camera(scan / "cams" / f"{view:08d}_cam.txt") for view in (left, right)]
+        views = [cameras.mvsnet(scan / "cams" / f"{view:08d}_cam.txt") for view in (left, right)]
         yield _pair(scan, images, views)
 
 
@@ -59,15 +58,6 @@ def _neighbours(path: Path) -> list[tuple[int, int]]:
     return chosen
 
 
-def _camera(path: Path) -> tuple[Array, Array]:
-    """K and world-to-camera of a _cam.txt: "extrinsic", 4 x 4, "intrinsic", 3 x 3, depth range."""
-    words = text(path).split()
-    if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
-        raise InputError(f"{path} is no camera file of MVSNet: copy or download it again")
-    pose = cameras.rigid(cameras.numbers(words[1:17], path), f"extrinsic of {path}")
-    return cameras.calibration(cameras.numbers(words[18:27], path), f"intrinsic of {path}"), pose
-
-
 def _idr(scan: Path) -> Iterator[EvalPair]:
     file = existing(*(scan / name for name in _CAMERAS))
     worlds = cameras.archive(file)
@@ -76,17 +66,8 @@ def _idr(scan: Path) -> Iterator[EvalPair]:
     if len(images) != count:
         raise InputError(f"{scan / 'image'} holds {len(images)} images, {file} {count} cameras: complete the download")
     for index in range(count - 1):
-        views = [_decomposed(worlds, k, file) for k in (index, index + 1)]
+        views = [cameras.idr(worlds, k, file) for k in (index, index + 1)]
         yield _pair(scan, images[index : index + 2], views)
-
-
-def _decomposed(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]:
-    if f"world_mat_{index}" not in worlds:
-        raise InputError(f"{file} has no world_mat_{index}: complete the download")
-    world = cameras.matrix(worlds[f"world_mat_{index}"], (4, 4), f"world_mat_{index} of {file}")
-    if np.linalg.det(world[:3, :3]) == 0:
-        raise InputError(f"world_mat_{index} of {file} is no camera: download it again")
-    return cameras.decompose(world)
 
 
 def _pair(scan: Path, images: list[Path], views: list[tuple[Array, Array]]) -> EvalPair:

@@ -5,8 +5,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from zpm2.errors import InputError
-from zpm2.evaluate.datasets.layout import existing, folders, found, path_name, photographs, text
+from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.io.inputs import existing, folders, photographs, text
 
 
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:

@@ -7,8 +7,9 @@ files of `calib` and `calib_cam_to_cam` are not read.
 from collections.abc import Iterator
 from pathlib import Path
 
-from zpm2.evaluate.datasets.layout import existing, found, path_name, together
+from zpm2.evaluate.datasets.layout import found, path_name, together
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
+from zpm2.io.inputs import existing
 
 SPLITS = ("training", "testing")
 SCALE = 256.0

@@ -1,48 +1,17 @@
-"""What all loaders share: files that must be there, folders in a fixed order, names that are usable as paths."""
+"""What all loaders share: pairs that must be there, names that are usable as paths."""
 
-import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-import PIL.Image
 
 from zpm2.errors import InputError
 from zpm2.evaluate.pairs import EvalPair
-
-PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".jp2")
-
-
-def existing(*candidates: Path) -> Path:
-    """The first of `candidates` that exists; `InputError` names every one that was looked for."""
-    for path in candidates:
-        if path.exists():
-            return path
-    looked = " and ".join(str(path) for path in candidates)
-    raise InputError(f"looked for {looked}, not there: complete the download, or give another root or split")
-
-
-def folders(folder: Path) -> list[Path]:
-    """The sub-folders in natural order, hidden ones left out."""
-    return sorted((path for path in folder.iterdir() if path.is_dir() and path.name[0] != "."), key=natural)
-
-
-def photographs(folder: Path, suffixes: Sequence[str] = PHOTOGRAPHS) -> list[Path]:
-    """The photographs of a folder in natural order, hidden files left out. `InputError` where the folder is missing."""
-    found = (path for path in existing(folder).iterdir() if path.suffix.lower() in suffixes and path.name[0] != ".")
-    return sorted(found, key=natural)
+from zpm2.io.inputs import natural, photographs
 
 
 def together(*where: Path) -> list[str]:
     """The names of photographs in any of the folders, in natural order, so that one missing in a folder is noticed."""
     return sorted({path.name for folder in where for path in photographs(folder)}, key=lambda name: natural(Path(name)))
-
-
-def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
-    """Sorts scan9 before scan10, and what only differs in leading zeros by its letters."""
-    runs = _RUNS.findall(path.name)
-    return [(False, int(run), "") if run[0] in "0123456789" else (True, 0, run) for run in runs], path.name
 
 
 def found(pairs: Iterator[EvalPair], *looked: Path | str) -> Iterator[EvalPair]:
@@ -64,30 +33,4 @@ def path_name(*parts: str) -> str:
     return "/".join("_" * len(part) if set(part) == {"."} else part for part in clean if part) or "_"
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) px from the header of an image file."""
-    try:
-        with PIL.Image.open(path) as picture:
-            return picture.size
-    except OSError as error:
-        raise InputError(f"image {path} cannot be read: copy or download it again") from error
-
-
-def text(path: Path) -> str:
-    """The content of a text file; `InputError` where it is missing or no UTF-8."""
-    try:
-        return existing(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no readable text file: copy or download it again") from error
-
-
-def json_file(path: Path) -> Any:
-    """The content of a JSON file; `InputError` says in which line it breaks."""
-    try:
-        return json.loads(text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path} is not valid JSON: {error.msg} in line {error.lineno}: correct the file") from error
-
-
-_RUNS = re.compile(r"[0-9]+|[^0-9]+")
 _FOREIGN = re.compile(r"[^A-Za-z0-9._-]")

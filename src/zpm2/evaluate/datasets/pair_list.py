@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from zpm2.errors import ConfigError, InputError
-from zpm2.evaluate.datasets import cameras
-from zpm2.evaluate.datasets.layout import existing, found, json_file, path_name, text
+from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, HomographyTruth, PoseTruth, Truth
+from zpm2.io import cameras
+from zpm2.io.inputs import existing, json_file, text
 
 KINDS = ("disparity", "depth", "pose", "homography")
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from zpm2.errors import ConfigError
-from zpm2.evaluate.datasets import cameras
-from zpm2.evaluate.datasets.layout import existing, folders, found, image_size, path_name, photographs
+from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, DepthTruth, EvalPair, PoseTruth
+from zpm2.io import cameras
+from zpm2.io.inputs import existing, folders, image_size, photographs
 
 COLOUR = (1296, 968)  # px, of the pictures for which intrinsic_color.txt holds
 DEPTH = (640, 480)  # px, of the maps for which intrinsic_depth.txt holds

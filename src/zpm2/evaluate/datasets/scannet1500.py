@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from zpm2.errors import InputError
-from zpm2.evaluate.datasets import cameras, scannet
-from zpm2.evaluate.datasets.layout import existing, found, image_size, path_name, text
+from zpm2.evaluate.datasets import scannet
+from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, EvalPair
+from zpm2.io import cameras
+from zpm2.io.inputs import existing, image_size, text
 
 SPLITS = ("test", "sample")
 _FOLDERS = ("", "scannet_test_1500", "scans_test")

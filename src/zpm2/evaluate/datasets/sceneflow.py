@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zpm2.errors import ConfigError
-from zpm2.evaluate.datasets.layout import existing, folders, found, path_name, together
+from zpm2.evaluate.datasets.layout import found, path_name, together
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
+from zpm2.io.inputs import existing, folders
 
 SPLITS = ("TRAIN", "TEST", "driving", "monkaa")
 SUBSETS = ("flyingthings3d", "driving", "monkaa")

@@ -1,4 +1,4 @@
-"""Cameras as data sets write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
+"""Cameras as data sets and programs write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
 
 import zipfile
 from collections.abc import Sequence
@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.evaluate.datasets.layout import existing, text
-from zpm2.evaluate.pairs import Array
 from zpm2.geometry import HALF_PIXEL
+from zpm2.io.inputs import existing, text
+
+Array = NDArray[np.float64]
 
 
 def intrinsics(matrix: Array) -> Array:
@@ -107,3 +109,35 @@ def archive(path: Path) -> dict[str, Any]:
             return dict(file)
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is damaged or no .npz file: copy or download it again") from error
+
+
+def mvsnet(path: Path) -> tuple[Array, Array]:
+    """K and world-to-camera of a _cam.txt of MVSNet: "extrinsic", 4 x 4, "intrinsic", 3 x 3, depth range. Pixel centres
+    stay where the file has them (at 0)."""
+    words = text(path).split()
+    if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
+        raise InputError(f"{path} is no camera file of MVSNet: copy or download it again")
+    pose = rigid(numbers(words[1:17], path), f"extrinsic of {path}")
+    return calibration(numbers(words[18:27], path), f"intrinsic of {path}"), pose
+
+
+def idr(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]:
+    """K and world-to-camera of world_mat_<index> of a cameras.npz of IDR or NeuS. Pixel centres stay at 0."""
+    if f"world_mat_{index}" not in worlds:
+        raise InputError(f"{file} has no world_mat_{index}: complete the download")
+    world = matrix(worlds[f"world_mat_{index}"], (4, 4), f"world_mat_{index} of {file}")
+    if np.linalg.det(world[:3, :3]) == 0:
+        raise InputError(f"world_mat_{index} of {file} is no camera: download it again")
+    return decompose(world)
+
+
+def strecha(path: Path) -> tuple[Array, Array]:
+    """K and world-to-camera of a .camera file (Strecha et al., CVPR 2008): K, three zeros, R from camera to world, the
+    camera's centre, the size. Pixel centres stay at 0."""
+    values = numbers(text(path).split(), path)
+    if values.size != 26:
+        raise InputError(f"{path} is no .camera file of Strecha's data sets: copy or download it again")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = values[12:21].reshape(3, 3), values[21:24]
+    pose = inverse(rigid(pose, f"pose of {path}"))
+    return calibration(values[:9], f"K of {path}"), pose
