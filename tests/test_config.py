@@ -102,7 +102,7 @@ def test_the_last_setting_wins_and_none_is_lost():
         ("global_match.top_size=0", "global_match.top_size must be at least 1"),
         ("local_match.patch=3", "local_match.patch must be at least 4 px"),
         ("pose.crop_size=0", "pose.crop_size must be at least 32 px"),
-        ("pose.noise_px=0", "pose.noise_px must be above 0 px"),
+        ("pose.noise_px=0", "pose.noise_px must be above 0"),
         ("pose.max_crops=0", "pose.max_crops must be at least 1"),
         ("local_match.neighbors=0", "local_match.neighbors must be at least 1"),
         ("points.max_keypoints=0", "points.max_keypoints must be at least 1"),

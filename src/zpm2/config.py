@@ -110,6 +110,24 @@ class PoseConfig:
 
 
 @dataclass(frozen=True)
+class CloudConfig:
+    """Polygons lifted onto a surface (paper 3.5.2). The paper prints none of these numbers."""
+
+    diffusion: Literal["scale", "surface"] = "scale"  # one scale for all of it, or its part on one surface
+    step: float = 2.0  # px, delta: samples of a boundary are no farther apart
+    min_scale: float = 0.4  # s_min: a polygon that must shrink further, to less than its square of area, is rejected
+    halvings: int = 6  # of the interval of scales, from s_min to 1
+    max_edge: float = 6.0  # tau, medians: a longer edge between samples, per px, leads to another surface
+    max_fold: float = 100.0  # degrees between normals of neighbouring samples, beyond which the surface is folded
+    max_size: float = 4.0  # times the size that the polygon has at its median depth
+    min_overlap: float = 0.5  # 0..1, IoU of a lifted polygon, seen from the other camera, with its partner there
+    max_distance: float = 0.25  # of sqrt(area): distance between the boundaries that both views lift
+    fill: float = 0.02  # of the mesh's extent: holes up to this wide are filled
+    neighbors: int = 2  # views that each view is matched with
+    same: float = 0.75  # 0..1, IoU from which on two regions of an image, or two patches, are one
+
+
+@dataclass(frozen=True)
 class Config:
     """The whole method."""
 
@@ -120,6 +138,7 @@ class Config:
     local_match: LocalConfig = field(default_factory=LocalConfig)
     guided: GuidedConfig = field(default_factory=GuidedConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
+    cloud: CloudConfig = field(default_factory=CloudConfig)
     seed: int = 0
     device: str = "auto"  # auto, cpu, cuda
 
@@ -195,6 +214,7 @@ def _check_range(name: str, value: Any) -> None:
             "global_match.max_layers",
             "pose.crop_points",
             "pose.max_crops",
+            "cloud.neighbors",
         )
         and value < 1
     ):
@@ -205,8 +225,8 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be at least 2, got {value}")
     if name == "pose.crop_size" and value < 32:
         raise ConfigError(f"{name} must be at least 32 px, got {value}")
-    if name == "pose.noise_px" and value == 0:
-        raise ConfigError(f"{name} must be above 0 px, got {value}")
+    if name in ("pose.noise_px", "cloud.step", "cloud.min_scale") and value == 0:
+        raise ConfigError(f"{name} must be above 0, got {value}")
     if name == "local_match.patch" and value < 4:
         raise ConfigError(f"{name} must be at least 4 px, got {value}")
     if name in SHARES and value > 1:
@@ -283,6 +303,9 @@ SHARES = (
     "guided.min_predicted_iou",
     "guided.min_stability",
     "guided.min_match_overlap",
+    "cloud.min_scale",
+    "cloud.min_overlap",
+    "cloud.same",
 )
 
 PRESETS: dict[str, Config] = {
@@ -293,5 +316,6 @@ PRESETS: dict[str, Config] = {
         local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
         guided=GuidedConfig(direction="both"),
         pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),
+        cloud=CloudConfig(diffusion="surface"),
     ),
 }

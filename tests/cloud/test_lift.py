@@ -6,9 +6,10 @@ import shapely
 from meshes import distance_to, grid, sphere
 
 from zpm2.cloud import Surface
-from zpm2.cloud.lift import Lifted, LiftOptions, lift
+from zpm2.cloud.lift import Lifted, lift
 from zpm2.cloud.rays import EveryTriangle
 from zpm2.cloud.shrink import Shrinker, densified, rings_of
+from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Camera, Polygon, PosedCamera
 
@@ -25,7 +26,7 @@ def above(height: float, offset: tuple[float, float, float] = (0, 0, 0)) -> Pose
 
 
 def lifted(surface: Surface, polygon: Polygon, view: PosedCamera, **options: float) -> Lifted:
-    (found,) = lift([polygon], view, surface, EveryTriangle(surface), LiftOptions(**options))  # type: ignore[arg-type]
+    (found,) = lift([polygon], view, surface, EveryTriangle(surface), CloudConfig(**options))  # type: ignore[arg-type]
     assert isinstance(found, Lifted), found
     return found
 
@@ -111,7 +112,7 @@ def test_what_cannot_be_lifted_says_why() -> None:
     assert "leaves the surface" in found[1].reason
     assert isinstance(found[2], Lifted)
     block = step()
-    (over,) = lift([split], above(3.0), block, EveryTriangle(block), LiftOptions(least=0.9))
+    (over,) = lift([split], above(3.0), block, EveryTriangle(block), CloudConfig(min_scale=0.9))
     assert isinstance(over, Failed)
     assert "jumps" in over.reason
     assert lift([], view, surface, EveryTriangle(surface)) == []

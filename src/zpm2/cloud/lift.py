@@ -8,10 +8,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.cloud.diffusion import one_surface
 from zpm2.cloud.rays import Hits, RayCaster
 from zpm2.cloud.shrink import Shrinker, densified, rings_of
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.walk import walk
+from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Polygon, PosedCamera
 
@@ -19,18 +21,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PROBES = 200  # samples of a boundary, about, while its scale is looked for
 INSIDE = 1e-7  # smallest barycentric weight of an anchor, so that it lies inside its triangle
-
-
-@dataclass(frozen=True)
-class LiftOptions:
-    """Numbers of the lift."""
-
-    step: float = 2.0  # px, delta: samples of a boundary are no farther apart
-    least: float = 0.4  # s_min: a polygon that must shrink further is rejected
-    halvings: int = 6  # of the interval of scales
-    longest: float = 6.0  # medians: a longer edge between samples, per px, leads to another surface
-    sharpest: float = 100.0  # degrees between normals of neighbouring samples, from which on the surface is folded
-    widest: float = 4.0  # times the size that the polygon has at its median depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +37,8 @@ class Lifted:
 
     id: int
     rings: tuple[Ring, ...]  # exterior first
-    scale: float  # s of the diffusion, 1: the whole polygon
+    shape: shapely.Polygon  # the part of the polygon that was lifted, image px
+    scale: float  # sqrt of the share of its area, s of the diffusion; 1: the whole polygon
     bridged: int  # segments that are straight, as no walk led along the surface
 
     @property
@@ -61,21 +52,50 @@ def lift(
     view: PosedCamera,
     surface: Surface,
     caster: RayCaster,
-    options: LiftOptions | None = None,
+    options: CloudConfig | None = None,
 ) -> list[Lifted | Failed]:
     """Each polygon of a view on the surface, or why it cannot be there.
 
-    The largest scale is looked for by bisection (`Shrinker`), at which the boundary lies on one surface: all samples
-    meet it, no edge between neighbours is much longer than the others for its px, the normals of neighbours do not
-    fold, and the whole is no larger than its image allows. All polygons take their trials together, in one cast of
-    rays.
+    A polygon can be lifted if its boundary lies on one surface: all samples meet it, no edge between neighbours is much
+    longer than the others for its px, the normals of neighbours do not fold, and the whole is no larger than its image
+    allows. Of one that cannot, the part on one surface is tried (`diffusion.one_surface`, unless the configuration says
+    "scale"), and then the largest scale is looked for by bisection (`Shrinker`). All polygons take their trials
+    together, in one cast of rays.
     """
-    options = options or LiftOptions()
-    shrinkers = [Shrinker(polygon.shape) for polygon in polygons]
-    scale, reason = _scales(shrinkers, view, surface, caster, options)
+    options = options or CloudConfig()
+    shapes = [polygon.shape for polygon in polygons]
+    reason = _trial(shapes, view, surface, caster, options)
+    bad = [k for k, text in enumerate(reason) if text]
+    if options.diffusion == "surface" and bad:
+        parts = one_surface([shapes[k] for k in bad], view, surface, caster, options)
+        for k, part in zip(bad, parts, strict=True):
+            shapes[k] = part
+        for k, text in zip(bad, _trial(parts, view, surface, caster, options), strict=True):
+            reason[k] = "" if not text else reason[k]
+        bad = [k for k in bad if reason[k] and not shapes[k].is_empty]
+    shrunk, said = _shrunk([shapes[k] for k in bad], view, surface, caster, options)
+    for k, shape, text in zip(bad, shrunk, said, strict=True):
+        shapes[k], reason[k] = shape, text
+    scale = np.array([(s.area / p.area) ** 0.5 for s, p in zip(shapes, polygons, strict=True)])
+    for k in np.flatnonzero(scale < options.min_scale).tolist():
+        reason[k] = reason[k] or "too little of it lies on one surface"
+    return _on_surface(polygons, shapes, scale, reason, view, surface, caster, options)
+
+
+def _on_surface(
+    polygons: Sequence[Polygon],
+    shapes: Sequence[shapely.Polygon],
+    scale: Array,
+    reason: Sequence[str],
+    view: PosedCamera,
+    surface: Surface,
+    caster: RayCaster,
+    options: CloudConfig,
+) -> list[Lifted | Failed]:
+    """The boundaries of those shapes that have no reason not to, traced along the surface."""
     result: list[Lifted | Failed] = [Failed(text) for text in reason]
-    good = np.flatnonzero(scale > 0).tolist()
-    rings = [(k, densified(ring, options.step)) for k in good for ring in rings_of(shrinkers[k].at(float(scale[k])))]
+    good = [k for k, text in enumerate(reason) if not text]
+    rings = [(k, densified(ring, options.step)) for k in good for ring in rings_of(shapes[k])]
     if not rings:
         return result
     hits = _cast(view, surface, caster, np.concatenate([ring for _, ring in rings]))
@@ -85,42 +105,56 @@ def lift(
     for k, boundary in mine.items():
         if all(np.isfinite(ring.points).all() for ring in boundary):
             bridged = sum(int((ring.faces < 0).sum()) for ring in boundary)
-            result[k] = Lifted(polygons[k].id, tuple(boundary), float(scale[k]), bridged)
+            result[k] = Lifted(polygons[k].id, tuple(boundary), shapes[k], float(scale[k]), bridged)
         else:
             result[k] = Failed("the surface has holes under the boundary")
     return result
 
 
-def _scales(
-    shrinkers: Sequence[Shrinker], view: PosedCamera, surface: Surface, caster: RayCaster, options: LiftOptions
-) -> tuple[Array, list[str]]:
-    """(n,) the largest scale that passes, 0 for none, and why the least one did not."""
-    n = len(shrinkers)
-    low, high, reason = np.zeros(n), np.ones(n), [""] * n
+def outlines(
+    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, step: float
+) -> list[Array]:
+    """(k, 3) where each boundary, sampled every `step` px, meets the surface; what misses it is left out."""
+    rings = [[densified(ring, step) for ring in rings_of(shape)] for shape in shapes]
+    counts = [sum(len(ring) for ring in of) for of in rings]
+    points = np.concatenate([np.zeros((0, 2)), *(ring for of in rings for ring in of)])
+    hits = _cast(view, surface, caster, points)
+    bounds = np.cumsum([0, *counts])
+    return [hits.point[a:b][hits.found[a:b]] for a, b in pairwise(bounds)]
+
+
+def _shrunk(
+    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
+) -> tuple[list[shapely.Polygon], list[str]]:
+    """Each shape at the largest scale below 1 that passes, and why the least one did not where none does."""
+    shrinkers = [Shrinker(shape) for shape in shapes]
+    n = len(shapes)
+    best, reason = list(shapes), [""] * n
+    low, high = np.full(n, options.min_scale), np.ones(n)
 
     def test(rows: Indices, scales: Array) -> NDArray[np.bool_]:
-        shapes = [shrinkers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
-        said = _trial(shapes, view, surface, caster, options)
+        trial = [shrinkers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
+        said = _trial(trial, view, surface, caster, options)
+        for k, shape, text in zip(rows, trial, said, strict=True):
+            if not text:
+                best[k] = shape
         for k, text in zip(rows, said, strict=True):
             reason[k] = text
         return np.array([not text for text in said], bool)
 
     everyone = np.arange(n)
-    whole = test(everyone, np.ones(n))
-    low[whole] = 1.0
-    open_ = everyone[~whole]
-    some = test(open_, np.full(len(open_), options.least))
-    open_ = open_[some]
-    low[open_] = options.least
+    open_ = everyone[test(everyone, low)]
     for _ in range(options.halvings):
         middle = (low[open_] + high[open_]) / 2
         passed = test(open_, middle)
         low[open_[passed]], high[open_[~passed]] = middle[passed], middle[~passed]
-    return low, reason
+    for k in open_:
+        reason[k] = ""
+    return best, reason
 
 
 def _trial(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: LiftOptions
+    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
 ) -> list[str]:
     """What is wrong with each boundary on the surface; empty where nothing is."""
     said = [""] * len(shapes)
@@ -146,7 +180,7 @@ def _trial(
 
 
 def _fault(
-    ring: Array, face: Indices, point: Array, depth: Array, normals: Array, view: PosedCamera, options: LiftOptions
+    ring: Array, face: Indices, point: Array, depth: Array, normals: Array, view: PosedCamera, options: CloudConfig
 ) -> str:
     """What is wrong with one ring (k, 2) px, its hits on the surface and their depths; empty where nothing is."""
     if (face < 0).any():
@@ -154,13 +188,13 @@ def _fault(
     gap = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     edge = np.linalg.norm(np.roll(point, -1, axis=0) - point, axis=1)
     spread = edge / np.maximum(gap, 1e-9)
-    if spread.max() > options.longest * np.median(spread):
+    if spread.max() > options.max_edge * np.median(spread):
         return "its boundary jumps between surfaces"
     fold = (normals[face] * normals[np.roll(face, -1)]).sum(1)
-    if fold.min() < np.cos(np.radians(options.sharpest)):
+    if fold.min() < np.cos(np.radians(options.max_fold)):
         return "the surface is folded under its boundary"
     seen = np.linalg.norm(np.ptp(ring, axis=0)) * np.median(depth) / view.camera.focal
-    if np.linalg.norm(np.ptp(point, axis=0)) > options.widest * seen:
+    if np.linalg.norm(np.ptp(point, axis=0)) > options.max_size * seen:
         return "it is far larger than its image allows"
     return ""
 

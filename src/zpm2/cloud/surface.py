@@ -39,6 +39,11 @@ class Surface:
         across = np.cross(b - a, c - a)
         return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
 
+    @cached_property
+    def areas(self) -> Array:
+        """(m,) of the triangles."""
+        return _areas(self.vertices, self.faces)
+
     @property
     def extent(self) -> float:
         """Length of the diagonal of the box around it."""

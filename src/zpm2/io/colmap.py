@@ -1,13 +1,14 @@
-"""COLMAP's files: cameras in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
+"""COLMAP's files: cameras and poses in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from zpm2.errors import InputError, MissingDependency
-from zpm2.model import Camera
+from zpm2.model import Camera, PosedCamera
 
 # COLMAP's parameters -> fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 (https://colmap.github.io/cameras.html)
 _MODELS: dict[str, Callable[..., tuple[float, ...]]] = {
@@ -53,34 +54,81 @@ def read_cameras(path: Path) -> dict[str, Camera]:
         return _from_text(folder)
     if not (folder / "cameras.bin").is_file():
         raise InputError(f"{folder} has no cameras.txt or cameras.bin: give the folder of a COLMAP model")
+    model, cameras = _from_binary(folder)
+    named = {Path(image.name).name: cameras[image.camera_id] for image in model.images.values()}
+    return named or {str(key): c for key, c in cameras.items()}
+
+
+def read_poses(folder: Path) -> dict[str, PosedCamera]:
+    """The registered images of a model by name, as the model has it (with its sub-folder), in the order of their names.
+
+    Text needs nothing, binary files need pycolmap. `InputError` for what is no model, and for one without images.
+    """
+    if (folder / "images.txt").is_file():
+        posed = _poses_from_text(folder)
+    elif (folder / "images.bin").is_file():
+        model, cameras = _from_binary(folder)
+        posed = {}
+        for image in model.images.values():
+            pose = image.cam_from_world()
+            turn, shift = np.asarray(pose.rotation.matrix()), np.asarray(pose.translation)
+            posed[image.name] = PosedCamera(cameras[image.camera_id], turn, shift)
+    else:
+        raise InputError(f"{folder} has no images.txt or images.bin: give the folder of a COLMAP model")
+    if not posed:
+        raise InputError(f"the COLMAP model {folder} has no registered image: reconstruct it again")
+    return dict(sorted(posed.items()))
+
+
+def _from_binary(folder: Path) -> tuple[Any, dict[int, Camera]]:
     pycolmap = require_pycolmap()
     try:
         model = pycolmap.Reconstruction(str(folder))
     except (ValueError, RuntimeError, OSError) as error:
         raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}") from error
-    cameras = {
+    return model, {
         key: camera(c.model_name, (c.width, c.height), c.params, f"camera {key} of {folder}")
         for key, c in model.cameras.items()
     }
-    named = {Path(image.name).name: cameras[image.camera_id] for image in model.images.values()}
-    return named or {str(key): c for key, c in cameras.items()}
 
 
 def _from_text(folder: Path) -> dict[str, Camera]:
     try:
-        cameras: dict[str, Camera] = {}
-        for key, model, width, height, *parameters in _lines(folder / "cameras.txt"):
-            cameras[key] = camera(model, (int(width), int(height)), parameters, f"camera {key} of {folder}")
+        cameras = _cameras_from_text(folder)
         if not (folder / "images.txt").is_file():
             return cameras
-        # every second line holds the points of the image before it, and may be empty
-        lines = (folder / "images.txt").read_text(encoding="utf-8").splitlines()
-        lines = [line for line in lines if not line.startswith("#")]
-        images = [line.split(maxsplit=9) for line in lines[::2] if line.strip()]
-        named = {Path(words[9].strip()).name: cameras[words[8]] for words in images}
+        named = {Path(words[9].strip()).name: cameras[words[8]] for words in _image_lines(folder)}
     except (OSError, ValueError, LookupError) as error:
         raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
     return named or cameras
+
+
+def _poses_from_text(folder: Path) -> dict[str, PosedCamera]:
+    posed = {}
+    try:
+        cameras = _cameras_from_text(folder)
+        for words in _image_lines(folder):
+            w, x, y, z, *shift = (float(word) for word in words[1:8])
+            turn = Rotation.from_quat([x, y, z, w]).as_matrix()
+            posed[words[9].strip()] = PosedCamera(cameras[words[8]], turn, np.array(shift))
+    except (OSError, ValueError, LookupError) as error:
+        raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
+    return posed
+
+
+def _cameras_from_text(folder: Path) -> dict[str, Camera]:
+    found: dict[str, Camera] = {}
+    for key, model, width, height, *parameters in _lines(folder / "cameras.txt"):
+        found[key] = camera(model, (int(width), int(height)), parameters, f"camera {key} of {folder}")
+    return found
+
+
+def _image_lines(folder: Path) -> list[list[str]]:
+    """The words of each image: id, qw, qx, qy, qz, tx, ty, tz, camera, name."""
+    # every second line holds the points of the image before it, and may be empty
+    lines = (folder / "images.txt").read_text(encoding="utf-8").splitlines()
+    lines = [line for line in lines if not line.startswith("#")]
+    return [line.split(maxsplit=9) for line in lines[::2] if line.strip()]
 
 
 def _lines(path: Path) -> list[list[str]]:

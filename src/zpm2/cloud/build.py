@@ -1,0 +1,342 @@
+"""The polygon cloud on one screen: lift both views of every match -> cross-check -> tracks -> one patch each."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from zpm2.cloud.check import Agreement, cross_check
+from zpm2.cloud.lift import Lifted, Ring, lift
+from zpm2.cloud.patch import Cutter, Patch
+from zpm2.cloud.rays import RayCaster
+from zpm2.cloud.surface import Surface
+from zpm2.cloud.tracks import Link, Sighting, Track, chain
+from zpm2.cloud.workspace import View
+from zpm2.config import CloudConfig
+from zpm2.errors import Failed
+from zpm2.model import Polygon, PosedCamera
+from zpm2.regions import Clock
+from zpm2.result import MatchResult
+
+Array = NDArray[np.float64]
+PROBES = 20_000  # rays of each view that tell how much of what it sees is covered
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedPair:
+    """Two views and their matches."""
+
+    left: int  # index of the view
+    right: int
+    result: MatchResult
+
+
+@dataclass(frozen=True)
+class Support:
+    """A match that stands behind a patch."""
+
+    left_view: int
+    right_view: int
+    left_polygon: int  # id in that pair's result
+    right_polygon: int
+    confidence: float  # 0..1
+    overlap: float  # 0..1, see `Agreement`
+    distance: float | None  # units of the mesh
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPatch:
+    """One polygon of the cloud: a closed piece of the surface with the identity of its matches."""
+
+    id: int
+    patch: Patch  # in the surface's coordinates
+    rings: tuple[Ring, ...]  # its boundary there, exterior first
+    view: int  # index of the view whose polygon it is
+    polygon: Polygon  # in that view's image
+    scale: float  # s of the diffusion, 1: the whole polygon
+    bridged: int  # segments of the boundary that are straight, as no walk led along the surface
+    views: tuple[int, ...]  # indices of all views that see it
+    supports: tuple[Support, ...]  # its matches, the surest first
+    filled: float  # 0..1, share of its area that fills holes of the mesh
+    parent: int | None = None  # id of the smallest patch that it is a part of
+    level: int = 0  # number of patches around it
+
+    @property
+    def label(self) -> str | None:
+        """A class name, where the source of the region gave one."""
+        return self.polygon.label
+
+    @property
+    def confidence(self) -> float:
+        """0..1, of its surest match."""
+        return self.supports[0].confidence
+
+    @property
+    def length(self) -> float:
+        """Of all its boundaries, units of the mesh."""
+        return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A match, or a track, that gave no patch."""
+
+    left_view: int
+    right_view: int
+    left_polygon: int
+    right_polygon: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonCloud:
+    """The polygons on their surface."""
+
+    views: Sequence[View]
+    surface: Surface
+    patches: Sequence[CloudPatch]
+    rejected: Sequence[Rejected]
+    matches: int  # of all pairs, before anything was rejected
+    coverage: float  # 0..1, share of the surface seen by the views that the patches cover
+    config: Mapping[str, Any]
+    timings: Mapping[str, float]  # stage -> seconds
+    warnings: Sequence[str]
+
+
+def build(
+    views: Sequence[View],
+    pairs: Sequence[MatchedPair],
+    surface: Surface,
+    caster: RayCaster,
+    config: CloudConfig,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> PolygonCloud:
+    """The polygon cloud of matched pairs of views.
+
+    Every reason why a match gave no patch is in `rejected`. Warnings say what should be known about the mesh, and what
+    is wrong where no ray meets it. An empty cloud is a result, with warnings that say why.
+    """
+    clock = Clock(progress)
+    cameras = [view.camera for view in views]
+    covered = _Coverage(surface, caster, cameras)
+    warnings = [f"mesh: {note}" for note in surface.notes] + ([caster.note] if caster.note else [])
+    warnings += covered.warnings([view.name for view in views])
+    rejected: list[Rejected] = []
+    found: dict[Link, tuple[Support, dict[Sighting, Lifted]]] = {}
+    with clock("lift"):
+        for k, pair in enumerate(pairs):
+            ends = cameras[pair.left], cameras[pair.right]
+            accepted, refused = _lifted(k, pair, ends, surface, caster, config)
+            found |= accepted
+            rejected += refused
+            progress("lift", (k + 1) / len(pairs))
+    with clock("tracks"):
+        tracks, contradicted = chain(list(found), config.same)
+    if contradicted:
+        warnings.append(f"{contradicted} matches contradict surer ones through other views, and were left out")
+        kept = {link for track in tracks for link in track.links}
+        rejected += [
+            _refused(found[x][0], "surer matches of other views say another region") for x in found.keys() - kept
+        ]
+    with clock("cut"):
+        patches, refused = _patches(tracks, found, surface, cameras, config)
+        rejected += refused
+    matches = sum(len(pair.result.matches) for pair in pairs)
+    if not patches:
+        warnings.append(f"no polygon could be lifted, of {matches} matches")
+    return PolygonCloud(
+        views=views,
+        surface=surface,
+        patches=patches,
+        rejected=rejected,
+        matches=matches,
+        coverage=covered.by([patch.patch for patch in patches]),
+        config={},
+        timings=clock.seconds,
+        warnings=warnings,
+    )
+
+
+def _lifted(
+    index: int,
+    pair: MatchedPair,
+    cameras: tuple[PosedCamera, PosedCamera],
+    surface: Surface,
+    caster: RayCaster,
+    config: CloudConfig,
+) -> tuple[dict[Link, tuple[Support, dict[Sighting, Lifted]]], list[Rejected]]:
+    """The matches of a pair that both views confirm, with their lifted polygons, and the others."""
+    left, right = pair.result.matched_polygons()
+    lifts = [lift(side, camera, surface, caster, config) for side, camera in zip((left, right), cameras, strict=True)]
+    both = list(zip(*lifts, strict=True))
+    said = cross_check(list(zip(left, right, strict=True)), both, cameras, surface, caster, config)
+    accepted, refused = {}, []
+    for match, polygons, pieces, agreement in zip(
+        pair.result.matches, zip(left, right, strict=True), both, said, strict=True
+    ):
+        ends = pair.left, pair.right, match.left, match.right
+        fault = str(agreement) if isinstance(agreement, Failed) else agreement.fault(config)
+        if fault:
+            refused.append(Rejected(*ends, fault))
+            continue
+        assert isinstance(agreement, Agreement)
+        sightings = Sighting(pair.left, index, polygons[0]), Sighting(pair.right, index, polygons[1])
+        link = Link(*sightings, match.confidence)
+        on_surface = {s: piece for s, piece in zip(sightings, pieces, strict=True) if isinstance(piece, Lifted)}
+        accepted[link] = Support(*ends, match.confidence, agreement.overlap, agreement.distance), on_surface
+    return accepted, refused
+
+
+def _patches(
+    tracks: Sequence[Track],
+    found: Mapping[Link, tuple[Support, Mapping[Sighting, Lifted]]],
+    surface: Surface,
+    cameras: Sequence[PosedCamera],
+    config: CloudConfig,
+) -> tuple[list[CloudPatch], list[Rejected]]:
+    """A patch for each track, from the view that shows most of it; those of one place are one."""
+    chosen: list[tuple[Track, Sighting, Lifted]] = []
+    for track in tracks:
+        choice = {s: piece for link in track.links for s, piece in found[link][1].items()}
+        best = max(choice, key=lambda s: choice[s].scale ** 2 * s.polygon.area)
+        chosen.append((track, best, choice[best]))
+    made: list[CloudPatch] = []
+    rejected = []
+    cutter: Cutter | None = None
+    for track, sighting, lifted in sorted(chosen, key=lambda c: c[1].view):  # one view's pixels at a time
+        if cutter is None or cutter.view is not cameras[sighting.view]:
+            cutter = Cutter(surface, cameras[sighting.view])
+        patch = cutter.cut(lifted)
+        supports = tuple(found[link][0] for link in track.links)
+        if isinstance(patch, Failed):
+            rejected += [_refused(support, patch.reason) for support in supports]
+            continue
+        hole = patch.source >= len(surface.faces) - surface.filled
+        filled = float(patch.areas[hole].sum() / patch.area)
+        made.append(
+            CloudPatch(
+                id=0,
+                patch=patch,
+                rings=lifted.rings,
+                view=sighting.view,
+                polygon=sighting.polygon,
+                scale=lifted.scale,
+                bridged=lifted.bridged,
+                views=tuple(track.views),
+                supports=supports,
+                filled=filled,
+            )
+        )
+    made = _merged(made, surface, cameras, config.same)
+    made.sort(key=lambda p: -p.patch.area)  # parts come after their wholes
+    return _nested([replace(patch, id=k) for k, patch in enumerate(made)], surface), rejected
+
+
+def _shares(patches: Sequence[Patch], surface: Surface) -> Any:
+    """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
+    rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
+    source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])
+    areas = np.concatenate([np.zeros(0), *(p.areas for p in patches)]) / surface.areas[source]
+    return coo_array((areas, (rows, source)), shape=(len(patches), len(surface.faces))).tocsr()
+
+
+def _merged(
+    patches: list[CloudPatch], surface: Surface, cameras: Sequence[PosedCamera], same: float
+) -> list[CloudPatch]:
+    """Patches of different tracks that cover one another are one region that the matches did not join: the one that
+    more views see stays, and takes the supports of the others. Two regions of one view stay two."""
+    order = sorted(patches, key=lambda p: (-len(p.views), -p.scale, -p.patch.area))
+    shares = _shares([p.patch for p in order], surface)
+    meeting = (shares @ shares.T).tocoo()
+    near: dict[int, list[int]] = {}
+    for a, b in zip(meeting.row.tolist(), meeting.col.tolist(), strict=True):
+        if a < b:
+            near.setdefault(a, []).append(b)
+    gone: set[int] = set()
+    kept = []
+    for a, patch in enumerate(order):
+        if a in gone:
+            continue
+        own = _outline(patch, cameras[patch.view], surface)
+        for b in sorted(near.get(a, [])):
+            other = order[b]
+            if b in gone or set(patch.views) & set(other.views):
+                continue
+            there = _outline(other, cameras[patch.view], surface)
+            both = own.intersection(there).area
+            if both >= same * (own.area + there.area - both) and both > 0:
+                gone.add(b)
+                supports = sorted((*patch.supports, *other.supports), key=lambda s: -s.confidence)
+                views = tuple(sorted({*patch.views, *other.views}))
+                patch = replace(patch, supports=tuple(supports), views=views)
+        kept.append(patch)
+    return kept
+
+
+def _outline(patch: CloudPatch, camera: PosedCamera, surface: Surface) -> shapely.Geometry:
+    """A patch's boundary in a view, px; empty where a part is behind it."""
+    rings = [camera.project(ring.points + surface.origin) for ring in patch.rings]
+    if not all(np.isfinite(ring).all() for ring in rings):
+        return shapely.Polygon()
+    return shapely.buffer(shapely.Polygon(rings[0], rings[1:]), 0)
+
+
+def _nested(patches: list[CloudPatch], surface: Surface) -> list[CloudPatch]:
+    """Each patch with the smallest one that holds nine tenths of it as its parent. Patches come by descending area."""
+    areas = np.array([p.patch.area for p in patches])
+    shares = _shares([p.patch for p in patches], surface)
+    shares.data = np.minimum(shares.data, 1.0)
+    # what two patches share, triangle by triangle: exact where triangles are covered whole
+    both = (shares @ (shares * surface.areas[None]).T).tocoo()
+    parent: dict[int, int] = {}
+    for a, b, shared in zip(both.row.tolist(), both.col.tolist(), both.data.tolist(), strict=True):
+        inside = a > b and shared >= 0.9 * areas[a] and areas[b] > 1.1 * areas[a]
+        if inside and b > parent.get(a, -1):
+            parent[a] = b
+    level: dict[int, int] = {}
+    result = []
+    for k, patch in enumerate(patches):
+        level[k] = level[parent[k]] + 1 if k in parent else 0
+        result.append(replace(patch, parent=parent.get(k), level=level[k]))
+    return result
+
+
+def _refused(support: Support, reason: str) -> Rejected:
+    return Rejected(support.left_view, support.right_view, support.left_polygon, support.right_polygon, reason)
+
+
+class _Coverage:
+    """What the views see of a surface, by a grid of rays each, and how much of that patches cover."""
+
+    def __init__(self, surface: Surface, caster: RayCaster, cameras: Sequence[PosedCamera]) -> None:
+        self.surface = surface
+        self.hit: list[NDArray[np.int64]] = []
+        self.seen: list[float] = []
+        for camera in cameras:
+            width, height = camera.camera.size
+            step = max((width * height / PROBES) ** 0.5, 1.0)
+            x, y = np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step))
+            directions = camera.directions(np.c_[x.ravel(), y.ravel()])
+            origin = np.broadcast_to(camera.center - surface.origin, directions.shape)
+            hits = caster.first_hits(origin, directions)
+            self.hit.append(hits.face[hits.found])
+            self.seen.append(float(hits.found.mean()))
+
+    def warnings(self, names: Sequence[str]) -> list[str]:
+        """Views that hardly see the mesh: it may lie in another frame."""
+        if not any(self.seen):
+            return ["no view sees the mesh: mesh and cameras are not in the same coordinates, or not of the same scene"]
+        blind = [name for name, share in zip(names, self.seen, strict=True) if share < 0.01]
+        return [f"{', '.join(blind)}: less than 1 % of the image meets the mesh"] if blind else []
+
+    def by(self, patches: Sequence[Patch]) -> float:
+        """0..1, the share of all hits that lies on patches; 0 without hits."""
+        hit = np.concatenate([np.zeros(0, np.int64), *self.hit])
+        if len(hit) == 0 or not patches:
+            return 0.0
+        covered = np.asarray(_shares(patches, self.surface).sum(axis=0)).ravel()
+        return float(np.minimum(covered[hit], 1.0).mean())

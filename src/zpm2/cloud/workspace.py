@@ -1,0 +1,132 @@
+"""A folder with photographs, their cameras and a mesh, as reconstruction programs and data sets leave it.
+
+COLMAP        images/, sparse/0/ or sparse/ (text or binary), *.ply; also inside dense/, where it undistorts
+IDR, NeuS     image/, cameras.npz or cameras_sphere.npz (DTU, millimetres: scale_mat is not applied)
+MVSNet        images/00000000.jpg, cams/00000000_cam.txt
+Strecha       images/0000.jpg, 0000.jpg.camera beside them or in a folder of their own
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.cloud.surface import FORMATS
+from zpm2.errors import InputError
+from zpm2.io import cameras as files
+from zpm2.io import colmap
+from zpm2.io.inputs import image_size, natural, photographs
+from zpm2.model import Camera, PosedCamera
+
+Array = NDArray[np.float64]
+NPZ = ("cameras.npz", "cameras_sphere.npz")
+IMAGES = ("images", "image", "dense/images")
+MODELS = ("sparse/0", "sparse", "dense/sparse", "")
+MESHES = ("mesh.ply", "meshed-poisson.ply", "meshed-delaunay.ply")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A photograph whose camera is known."""
+
+    name: str  # unique in its workspace
+    path: Path
+    camera: PosedCamera
+
+
+def read_views(folder: Path, images: Path | None = None, cameras: Path | None = None) -> list[View]:
+    """The photographs of a workspace with their cameras, in natural order.
+
+    images, cameras: where they are, if not in the places above (cameras: a COLMAP model, an .npz, a folder of _cam.txt
+    or .camera files). `InputError` says what was looked for, or which photograph has no camera's size.
+    """
+    if not folder.is_dir():
+        raise InputError(f"workspace {folder} is no folder: give one with photographs, cameras and a mesh")
+    views = _read(folder, images, cameras)
+    if len(views) < 2:
+        raise InputError(f"workspace {folder} has {len(views)} photographs with a camera: a polygon cloud needs two")
+    for view in views:
+        have, want = image_size(view.path), view.camera.camera.size
+        if have != want:
+            raise InputError(
+                f"{view.path} has {have[0]} x {have[1]} px, its camera {want[0]} x {want[1]} px: give the photographs "
+                "that the cameras belong to (--images)"
+            )
+    return views
+
+
+def find_mesh(folder: Path) -> Path:
+    """The mesh of a workspace: a known name, else the only mesh file. `InputError` where there is none, or a choice."""
+    places = [folder, folder / "dense", folder / "dense" / "0"]
+    for place in places:
+        for name in MESHES:
+            if (place / name).is_file():
+                return place / name
+    found = [p for place in places if place.is_dir() for p in sorted(place.iterdir()) if p.suffix.lower() in FORMATS]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise InputError(f"{folder} holds {', '.join(p.name for p in found)}: say which is the mesh with --mesh")
+    raise InputError(f"looked for {', '.join(MESHES)} or another mesh in {folder}, not there: give one with --mesh")
+
+
+def _read(folder: Path, images: Path | None, cameras: Path | None) -> list[View]:
+    pictures = images or next((folder / name for name in IMAGES if (folder / name).is_dir()), folder)
+    if not pictures.is_dir():
+        raise InputError(f"{pictures} is no folder: give the one with the photographs (--images)")
+    if cameras is None:
+        cameras = _find_cameras(folder, pictures)
+    if cameras.suffix.lower() == ".npz":
+        return _idr(cameras, photographs(pictures))
+    if not cameras.is_dir():
+        raise InputError(f"cameras {cameras} are no folder or .npz file: check the path")
+    if any(cameras.glob("*_cam.txt")):
+        return _each(photographs(pictures), lambda p: cameras / f"{p.stem}_cam.txt", files.mvsnet)
+    if any(cameras.glob("*.camera")):
+        return _each(photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
+    posed = colmap.read_poses(cameras)
+    views = [View(name, pictures / name, camera) for name, camera in posed.items()]
+    missing = [view.path for view in views if not view.path.is_file()]
+    if missing:
+        raise InputError(
+            f"{missing[0]}, which the model {cameras} names, does not exist: give its folder with --images"
+        )
+    return sorted(views, key=lambda view: natural(Path(view.name)))
+
+
+def _find_cameras(folder: Path, pictures: Path) -> Path:
+    for name in NPZ:
+        if (folder / name).is_file():
+            return folder / name
+    for place in (folder / "cams", folder / "cameras", pictures, *(p for p in sorted(folder.iterdir()) if p.is_dir())):
+        if place.is_dir() and (any(place.glob("*_cam.txt")) or any(place.glob("*.camera"))):
+            return place
+    for name in MODELS:
+        if any((folder / name / f"images.{kind}").is_file() for kind in ("txt", "bin")):
+            return folder / name
+    raise InputError(
+        f"looked for sparse/0, sparse, {', '.join(NPZ)}, cams/*_cam.txt and *.camera in {folder}, no cameras there: "
+        "give them with --cameras"
+    )
+
+
+def _idr(file: Path, pictures: list[Path]) -> list[View]:
+    worlds = files.archive(file)
+    count = sum(name.startswith("world_mat_") and name[10:].isdecimal() for name in worlds)
+    if len(pictures) != count:
+        raise InputError(f"{file} holds {count} cameras, and there are {len(pictures)} photographs: complete them")
+    return [_view(picture, *files.idr(worlds, k, file)) for k, picture in enumerate(pictures)]
+
+
+def _each(
+    pictures: list[Path], file_of: Callable[[Path], Path], read: Callable[[Path], tuple[Array, Array]]
+) -> list[View]:
+    return [_view(picture, *read(file_of(picture))) for picture in pictures if file_of(picture).is_file()]
+
+
+def _view(picture: Path, matrix: Array, pose: Array) -> View:
+    """A view of a camera file that counts pixel centres from 0."""
+    camera = Camera(files.intrinsics(matrix), image_size(picture))
+    return View(picture.name, picture, PosedCamera(camera, pose[:3, :3], pose[:3, 3]))
