@@ -1,4 +1,4 @@
-"""The command line: `zpm2 match`, `pose`, `eval`, `demo`, `doctor`, `weights`."""
+"""The command line: `zpm2 match`, `pose`, `cloud`, `eval`, `demo`, `doctor`, `weights`."""
 
 import json
 import sys
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from zpm2._version import __version__
+from zpm2.cloud_cli import cloud
 from zpm2.console import (
     AsJson,
     ConfigFile,
@@ -39,6 +40,7 @@ app = typer.Typer(
 app.add_typer(weights_app, name="weights")
 app.command("eval")(evaluate)
 app.command("pose")(pose)
+app.command("cloud")(cloud)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from zpm2.errors import InputError
 from zpm2.model import Image, Polygon, PolygonMatch
 from zpm2.view import overlay
-from zpm2.view.overlay import GAP, HEADER, _colors, _layout, _pole
+from zpm2.view.overlay import GAP, HEADER, _layout, _places, _pole
+from zpm2.view.palette import distinct_colors
 
 
 def _box(index, x0, y0, x1, y1, hole=None):
@@ -104,7 +105,7 @@ def test_neighbours_have_different_colours(columns, rows):
         _box(k, k % columns * 10, k // columns * 10, k % columns * 10 + 10, k // columns * 10 + 10)
         for k in range(columns * rows)
     ]
-    grid = np.array(_colors(boxes)).reshape(rows, columns, 3)
+    grid = np.array(distinct_colors(*_places(boxes))).reshape(rows, columns, 3)
     for step in (np.diff(grid, axis=0), np.diff(grid, axis=1)):
         assert (np.linalg.norm(step, axis=2) > 60).all()
 

@@ -1,20 +1,35 @@
-"""From matched polygons to surface patches (paper 3.5.2). So far: surfaces, rays, walks, polygons lifted by them."""
+"""From matched polygons to surface patches (paper 3.5.2): the polygon cloud."""
 
+from zpm2.cloud.build import MatchedPair, build
+from zpm2.cloud.holes import fill_holes
 from zpm2.cloud.lift import Lifted, lift
+from zpm2.cloud.neighbors import neighbor_pairs
 from zpm2.cloud.patch import Cutter, Patch
 from zpm2.cloud.rays import Hits, RayCaster, open_caster
+from zpm2.cloud.result import CloudPatch, PolygonCloud
+from zpm2.cloud.save import save
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.walk import Walks, walk
+from zpm2.cloud.workspace import View, read_views
 
 __all__ = [
+    "CloudPatch",
     "Cutter",
     "Hits",
     "Lifted",
+    "MatchedPair",
     "Patch",
+    "PolygonCloud",
     "RayCaster",
     "Surface",
+    "View",
     "Walks",
+    "build",
+    "fill_holes",
     "lift",
+    "neighbor_pairs",
     "open_caster",
+    "read_views",
+    "save",
     "walk",
 ]

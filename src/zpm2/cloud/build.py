@@ -2,23 +2,22 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from zpm2.cloud.check import Agreement, cross_check
-from zpm2.cloud.lift import Lifted, Ring, lift
-from zpm2.cloud.patch import Cutter, Patch
+from zpm2.cloud.lift import Lifted, lift
+from zpm2.cloud.patch import Cutter, Patch, shares
 from zpm2.cloud.rays import RayCaster
+from zpm2.cloud.result import CloudPatch, PolygonCloud, Rejected, Support
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.tracks import Link, Sighting, Track, chain
 from zpm2.cloud.workspace import View
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
-from zpm2.model import Polygon, PosedCamera
+from zpm2.model import PosedCamera
 from zpm2.regions import Clock
 from zpm2.result import MatchResult
 
@@ -33,78 +32,6 @@ class MatchedPair:
     left: int  # index of the view
     right: int
     result: MatchResult
-
-
-@dataclass(frozen=True)
-class Support:
-    """A match that stands behind a patch."""
-
-    left_view: int
-    right_view: int
-    left_polygon: int  # id in that pair's result
-    right_polygon: int
-    confidence: float  # 0..1
-    overlap: float  # 0..1, see `Agreement`
-    distance: float | None  # units of the mesh
-
-
-@dataclass(frozen=True, eq=False)
-class CloudPatch:
-    """One polygon of the cloud: a closed piece of the surface with the identity of its matches."""
-
-    id: int
-    patch: Patch  # in the surface's coordinates
-    rings: tuple[Ring, ...]  # its boundary there, exterior first
-    view: int  # index of the view whose polygon it is
-    polygon: Polygon  # in that view's image
-    scale: float  # s of the diffusion, 1: the whole polygon
-    bridged: int  # segments of the boundary that are straight, as no walk led along the surface
-    views: tuple[int, ...]  # indices of all views that see it
-    supports: tuple[Support, ...]  # its matches, the surest first
-    filled: float  # 0..1, share of its area that fills holes of the mesh
-    parent: int | None = None  # id of the smallest patch that it is a part of
-    level: int = 0  # number of patches around it
-
-    @property
-    def label(self) -> str | None:
-        """A class name, where the source of the region gave one."""
-        return self.polygon.label
-
-    @property
-    def confidence(self) -> float:
-        """0..1, of its surest match."""
-        return self.supports[0].confidence
-
-    @property
-    def length(self) -> float:
-        """Of all its boundaries, units of the mesh."""
-        return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A match, or a track, that gave no patch."""
-
-    left_view: int
-    right_view: int
-    left_polygon: int
-    right_polygon: int
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class PolygonCloud:
-    """The polygons on their surface."""
-
-    views: Sequence[View]
-    surface: Surface
-    patches: Sequence[CloudPatch]
-    rejected: Sequence[Rejected]
-    matches: int  # of all pairs, before anything was rejected
-    coverage: float  # 0..1, share of the surface seen by the views that the patches cover
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
-    warnings: Sequence[str]
 
 
 def build(
@@ -236,22 +163,14 @@ def _patches(
     return _nested([replace(patch, id=k) for k, patch in enumerate(made)], surface), rejected
 
 
-def _shares(patches: Sequence[Patch], surface: Surface) -> Any:
-    """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
-    rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
-    source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])
-    areas = np.concatenate([np.zeros(0), *(p.areas for p in patches)]) / surface.areas[source]
-    return coo_array((areas, (rows, source)), shape=(len(patches), len(surface.faces))).tocsr()
-
-
 def _merged(
     patches: list[CloudPatch], surface: Surface, cameras: Sequence[PosedCamera], same: float
 ) -> list[CloudPatch]:
     """Patches of different tracks that cover one another are one region that the matches did not join: the one that
     more views see stays, and takes the supports of the others. Two regions of one view stay two."""
     order = sorted(patches, key=lambda p: (-len(p.views), -p.scale, -p.patch.area))
-    shares = _shares([p.patch for p in order], surface)
-    meeting = (shares @ shares.T).tocoo()
+    covers = shares([p.patch for p in order], surface)
+    meeting = (covers @ covers.T).tocoo()
     near: dict[int, list[int]] = {}
     for a, b in zip(meeting.row.tolist(), meeting.col.tolist(), strict=True):
         if a < b:
@@ -288,10 +207,10 @@ def _outline(patch: CloudPatch, camera: PosedCamera, surface: Surface) -> shapel
 def _nested(patches: list[CloudPatch], surface: Surface) -> list[CloudPatch]:
     """Each patch with the smallest one that holds nine tenths of it as its parent. Patches come by descending area."""
     areas = np.array([p.patch.area for p in patches])
-    shares = _shares([p.patch for p in patches], surface)
-    shares.data = np.minimum(shares.data, 1.0)
+    covers = shares([p.patch for p in patches], surface)
+    covers.data = np.minimum(covers.data, 1.0)
     # what two patches share, triangle by triangle: exact where triangles are covered whole
-    both = (shares @ (shares * surface.areas[None]).T).tocoo()
+    both = (covers @ covers.multiply(surface.areas).T.tocsr()).tocoo()
     parent: dict[int, int] = {}
     for a, b, shared in zip(both.row.tolist(), both.col.tolist(), both.data.tolist(), strict=True):
         inside = a > b and shared >= 0.9 * areas[a] and areas[b] > 1.1 * areas[a]
@@ -338,5 +257,5 @@ class _Coverage:
         hit = np.concatenate([np.zeros(0, np.int64), *self.hit])
         if len(hit) == 0 or not patches:
             return 0.0
-        covered = np.asarray(_shares(patches, self.surface).sum(axis=0)).ravel()
+        covered = np.asarray(shares(patches, self.surface).sum(axis=0)).ravel()
         return float(np.minimum(covered[hit], 1.0).mean())

@@ -1,11 +1,14 @@
 """Closed boundaries cut into the mesh, so that each polygon is a mesh of its own (paper 3.5.2, Definition and (4))."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
@@ -204,3 +207,11 @@ def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) ->
     away = facing < 0
     faces = np.where(away[:, None], faces[:, ::-1], faces)
     return Patch(vertices, faces, source)
+
+
+def shares(patches: Sequence[Patch], surface: Surface) -> Any:
+    """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
+    rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
+    source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])
+    areas = np.concatenate([np.zeros(0), *(p.areas for p in patches)]) / surface.areas[source]
+    return coo_array((areas, (rows, source)), shape=(len(patches), len(surface.faces))).tocsr()

@@ -119,8 +119,8 @@ def semi_global(left: Image, right: Image, low: int, high: int) -> Disparity:
 
 
 def _smoothed(disparity: Disparity) -> Disparity:
-    """Without the steps of whole pixels and the noise between them: a mean over `SMOOTH` px of what differs by a pixel or
-    so (bilateral filter), so that edges stay."""
+    """Without the steps of whole pixels and the noise between them: a mean over `SMOOTH` px of what differs by a pixel
+    or so (bilateral filter), so that edges stay."""
     known = np.isfinite(disparity)
     if not known.any():
         return disparity

@@ -100,16 +100,22 @@ class Surface:
             raise InputError(f"{path}: meshes are read from {', '.join(FORMATS)} files")
         if not path.is_file():
             raise InputError(f"mesh {path} does not exist: check the path")
-        try:
-            import trimesh
-        except ImportError as error:
-            raise MissingDependency('meshes need trimesh: pip install "zpm2[cloud]"') from error
+        trimesh = require_trimesh()
         try:
             mesh: Any = trimesh.load(path, force="mesh", process=False)
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         except Exception as error:  # trimesh's readers raise whatever their parsers do
             raise InputError(f"mesh {path} cannot be read: {' '.join(str(error).split()) or repr(error)}") from error
         return Surface.of(vertices, faces.reshape(-1, 3), f"mesh {path}")
+
+
+def require_trimesh() -> Any:
+    """The package, or `MissingDependency`."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingDependency('polygon clouds need trimesh: pip install "zpm2[cloud]"') from error
+    return trimesh
 
 
 def _compact(points: Array, triangles: Indices) -> tuple[Array, Indices]:

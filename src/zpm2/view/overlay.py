@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.model import Image, Polygon, PolygonMatch
+from zpm2.view.palette import distinct_colors
 
 Pixels = NDArray[np.uint8]
 
@@ -22,7 +23,6 @@ GAP = 8  # px between the photographs
 HEADER = 44  # px
 DARK = (24, 24, 27)
 PALE = (214, 214, 214)
-PALETTE_SIZE = 36
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def overlay(
             raise InputError(f"match {match.left} - {match.right} names a polygon that is not in the lists given")
     sizes, stacked = _layout((left.width, left.height), (right.width, right.height), max_width)
     pairs = [(by_id[0][match.left], by_id[1][match.right]) for match in matches]
-    colors = _colors([p for p, _ in pairs])
+    colors = distinct_colors(*_places([p for p, _ in pairs]))
     areas = [max(_share(p, left), _share(q, right)) for p, q in pairs]
     panels = []
     for k, (image, polygons) in enumerate(((left, left_polygons), (right, right_polygons))):
@@ -98,31 +98,10 @@ def _layout(
     return (a, b), stacked
 
 
-def _colors(polygons: Sequence[Polygon]) -> list[tuple[int, int, int]]:
-    """A colour for each polygon, unlike those of the polygons near it.
-
-    Hues follow the golden angle at three lightnesses; polygon after polygon takes the one that is least like what its
-    neighbours have, near ones counting most.
-    """
-    hues = np.deg2rad(np.arange(PALETTE_SIZE) * 137.508)
-    light = np.resize([62.0, 76.0, 88.0], PALETTE_SIZE)
-    wanted = np.stack([light, 75 * np.cos(hues), 75 * np.sin(hues)], axis=1).astype(np.float32)
-    rgb = np.clip(cv2.cvtColor(wanted[None], cv2.COLOR_Lab2RGB), 0, 1)
-    palette = np.rint(rgb[0] * 255).astype(int)
-    lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2Lab)[0]
-    likeness = np.exp(-((lab[:, None] - lab[None]) ** 2).sum(2) / (2 * 30.0**2))
-    if not polygons:
-        return []
-    boxes = np.array([p.bounds for p in polygons])
-    centers, reach = (boxes[:, :2] + boxes[:, 2:]) / 2, np.ptp(boxes.reshape(-1, 2, 2), axis=1).max(1) / 2
-    taken = np.zeros(len(polygons), int)
-    for k in range(len(polygons)):
-        distance = np.linalg.norm(centers[:k] - centers[k], axis=1)
-        nearness = 1 / (0.05 + distance / (reach[:k] + reach[k] + 1)) ** 4
-        taken[k] = int(
-            np.argmin(nearness @ likeness[taken[:k]] + 1e-3 * np.bincount(taken[:k], minlength=PALETTE_SIZE))
-        )
-    return [(int(r), int(g), int(b)) for r, g, b in palette[taken]]
+def _places(polygons: Sequence[Polygon]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 2) middles of the boxes of polygons, and (n,) half of their longer sides, px."""
+    boxes = np.array([p.bounds for p in polygons]).reshape(-1, 2, 2)
+    return boxes.mean(1), np.ptp(boxes, axis=1).max(1, initial=0) / 2
 
 
 def _share(polygon: Polygon, image: Image) -> float:

@@ -1,0 +1,277 @@
+"""The polygon cloud as files that other programs open: PLY, GLB, GeoJSON, WKT, coloured points."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.cloud.result import CloudPatch, PolygonCloud
+from zpm2.cloud.surface import Surface, require_trimesh
+from zpm2.errors import MissingDependency
+from zpm2.io import geojson
+from zpm2.io.files import atomic_write
+from zpm2.io.images import read_image
+from zpm2.view.palette import distinct_colors
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Colors = NDArray[np.uint8]
+TUBE = 0.0015  # of the extent: radius of the tubes around boundaries
+SIDES = 6  # of a tube
+DARKER = 0.45  # of a patch's colour: its boundary's
+FRAME = "coordinates of the cameras and of the mesh"
+
+
+def colors(cloud: PolygonCloud) -> Colors:
+    """(p, 3) RGB of the patches, unlike those of their neighbours."""
+    centers = np.array([patch.patch.centroid for patch in cloud.patches]).reshape(-1, 3)
+    reach = np.array([patch.patch.area**0.5 / 2 for patch in cloud.patches])
+    return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)
+
+
+def tubes(cloud: PolygonCloud, rings: Sequence[Array]) -> tuple[Array, Indices]:
+    """Vertices and triangles of tubes around closed lines (k, 3) each, in the surface's coordinates."""
+    radius = TUBE * seen_extent(cloud)
+    points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    turn = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
+    for line in rings:
+        ring = _thinned(line, radius)
+        n = len(ring)
+        if n < 3:
+            continue
+        along = np.roll(ring, -1, axis=0) - np.roll(ring, 1, axis=0)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin(1)])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        up = np.cross(along, across)
+        around = np.cos(turn)[:, None] * across[:, None] + np.sin(turn)[:, None] * up[:, None]
+        points.append((ring[:, None] + radius * around).reshape(-1, 3))
+        at = np.arange(n * SIDES).reshape(n, SIDES)
+        a, b = at, np.roll(at, -1, axis=1)
+        # frames may turn from one ring of the tube to the next: each joins where it fits best
+        shift = _fit(around, np.roll(around, -1, axis=0))
+        following = np.roll(at, -1, axis=0)
+        rows = np.arange(n)[:, None]
+        c = following[rows, (np.arange(SIDES) + shift[:, None]) % SIDES]
+        d = following[rows, (np.arange(SIDES) + 1 + shift[:, None]) % SIDES]
+        quads = np.concatenate([np.stack([a, b, d], axis=2), np.stack([a, d, c], axis=2)]).reshape(-1, 3)
+        faces.append(quads + count)
+        count += n * SIDES
+    return np.concatenate(points), np.concatenate(faces)
+
+
+def seen_extent(cloud: PolygonCloud) -> float:
+    """Diagonal of the box around all patches, units of the mesh."""
+    points = [patch.patch.vertices for patch in cloud.patches]
+    return float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) if points else cloud.surface.extent
+
+
+def write_ply(cloud: PolygonCloud, path: Path) -> Path:
+    """All patches as one binary PLY in double precision; every face with its colour, normal and the patch's id."""
+    patches = [patch.patch for patch in cloud.patches]
+    start = np.cumsum([0, *(len(p.vertices) for p in patches)])
+    vertices = cloud.world(np.concatenate([np.zeros((0, 3)), *(p.vertices for p in patches)]))
+    count = [len(p.faces) for p in patches]
+    face = np.zeros(
+        sum(count),
+        [("n", "u1"), ("v", "<i4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3), ("patch", "<i4")],
+    )
+    face["n"] = 3
+    if patches:
+        face["v"] = np.concatenate([p.faces + first for p, first in zip(patches, start, strict=False)])
+        face["normal"] = np.concatenate([p.normals for p in patches])
+        face["rgb"] = np.repeat(colors(cloud), count, axis=0)
+        face["patch"] = np.repeat([p.id for p in cloud.patches], count)
+    header = [
+        *_ply_header(len(vertices), "double"),
+        f"element face {len(face)}",
+        "property list uchar int vertex_indices",
+        *(f"property float {name}" for name in ("nx", "ny", "nz")),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "property int patch",
+        "end_header\n",
+    ]
+    return atomic_write(path, "\n".join(header).encode() + vertices.astype("<f8").tobytes() + face.tobytes())
+
+
+def write_points(cloud: PolygonCloud, path: Path, spacing: float) -> int:
+    """Points on the patches about every `spacing`, with the colour of the photograph that saw them and the patch's id:
+    .ply, or .las (package laspy). A point of nested patches is the innermost one's. Returns how many."""
+    points, rgb, patch = sampled(cloud, spacing)
+    if path.suffix == ".las":
+        atomic_write(path, _las(points, rgb, patch))
+        return len(points)
+    rows = np.zeros(len(points), [("at", "<f8", 3), ("rgb", "u1", 3), ("patch", "<i4")])
+    rows["at"], rows["rgb"], rows["patch"] = points, rgb, patch
+    header = [
+        *_ply_header(len(points), "double"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "property int patch",
+        "end_header\n",
+    ]
+    atomic_write(path, "\n".join(header).encode() + rows.tobytes())
+    return len(points)
+
+
+def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
+    """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
+    generator = np.random.default_rng(0)
+    parts: dict[int, list[Indices]] = {}  # by patch: triangles of the surface that its parts cover
+    for polygon in cloud.patches:
+        if polygon.parent is not None:
+            parts.setdefault(polygon.parent, []).append(polygon.patch.source)
+    points, rgb, ids = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.int64)]
+    for view in sorted({p.view for p in cloud.patches}):
+        camera = cloud.views[view].camera
+        image = read_image(cloud.views[view].path)
+        for polygon in (p for p in cloud.patches if p.view == view):
+            patch = polygon.patch
+            number = max(1, round(patch.area / spacing**2))
+            face = generator.choice(len(patch.faces), number, p=patch.areas / patch.area)
+            weights = generator.dirichlet([1.0, 1.0, 1.0], number)
+            on_patch = np.einsum("nk,nki->ni", weights, patch.vertices[patch.faces[face]])
+            if polygon.id in parts:  # what belongs to a part is the part's
+                on_patch = on_patch[~np.isin(patch.source[face], np.concatenate(parts[polygon.id]))]
+            at = cloud.world(on_patch)
+            points.append(at)
+            column, row = np.nan_to_num(camera.project(at)).astype(np.int64).T
+            rgb.append(image.rgb[np.clip(row, 0, image.height - 1), np.clip(column, 0, image.width - 1)])
+            ids.append(np.full(len(at), polygon.id))
+    return np.concatenate(points), np.concatenate(rgb), np.concatenate(ids)
+
+
+def write_glb(cloud: PolygonCloud, path: Path) -> Path:
+    """One node for each polygon, "polygon 7", with its attributes as extras, and one for the tube around it.
+
+    GLB holds single precision: coordinates are relative to "origin" in the scene's extras. The axes are the mesh's.
+    """
+    trimesh = require_trimesh()
+    scene = trimesh.Scene(metadata={"origin": cloud.surface.origin.tolist(), "schema": "zpm2-cloud/1"})
+    for polygon, rgb in zip(cloud.patches, colors(cloud), strict=True):
+        mesh = _coloured(trimesh, polygon.patch.vertices, polygon.patch.faces, rgb)
+        mesh.metadata = attributes(polygon)
+        scene.add_geometry(mesh, node_name=f"polygon {polygon.id}", geom_name=f"polygon {polygon.id}")
+        tube = tubes(cloud, [ring.points for ring in polygon.rings])
+        if len(tube[1]):
+            line = _coloured(trimesh, *tube, (rgb * DARKER).astype(np.uint8))
+            scene.add_geometry(line, node_name=f"boundary {polygon.id}", geom_name=f"boundary {polygon.id}")
+    return atomic_write(path, scene.export(file_type="glb"))
+
+
+def attributes(polygon: CloudPatch) -> dict[str, Any]:
+    """What is said of a polygon beside its geometry."""
+    patch = polygon.patch
+    return {
+        "id": polygon.id,
+        "label": polygon.label,
+        "confidence": round(polygon.confidence, 4),
+        "parent": polygon.parent,
+        "area": patch.area,
+        "length": polygon.length,
+        "planarity": round(patch.planarity, 5),
+        "curvature": patch.curvature,
+        "normal": [round(float(x), 5) for x in patch.normal],
+        "scale": round(polygon.scale, 4),
+        "views": list(polygon.views),
+    }
+
+
+def write_boundaries(cloud: PolygonCloud, folder: Path) -> list[Path]:
+    """boundaries.geojson (polygons with heights, no reference system) and boundaries.wkt (a line each: id, tab, POLYGON
+    Z). Both in the coordinates of the cameras."""
+    features = [
+        {
+            "type": "Feature",
+            "id": polygon.id,
+            "properties": attributes(polygon),
+            "geometry": {"type": "Polygon", "coordinates": [r.tolist() for r in _closed(cloud, polygon)]},
+        }
+        for polygon in cloud.patches
+    ]
+    collection = {"type": "FeatureCollection", "coordinate_frame": FRAME, "crs": None, "features": features}
+    lines = []
+    for polygon in cloud.patches:
+        rings = _closed(cloud, polygon)
+        shape = shapely.Polygon(rings[0], rings[1:])
+        lines.append(f"{polygon.id}\t{shapely.to_wkt(shape, rounding_precision=-1, output_dimension=3)}\n")
+    return [
+        geojson.write(folder / "boundaries.geojson", collection),
+        atomic_write(folder / "boundaries.wkt", "".join(lines)),
+    ]
+
+
+def write_surface(surface: Surface, path: Path) -> Path:
+    """A mesh as binary PLY in double precision, in the coordinates of the cameras."""
+    face = np.zeros(len(surface.faces), [("n", "u1"), ("v", "<i4", 3)])
+    face["n"], face["v"] = 3, surface.faces
+    header = [
+        *_ply_header(len(surface.vertices), "double"),
+        f"element face {len(face)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    vertices = (surface.vertices + surface.origin).astype("<f8")
+    return atomic_write(path, "\n".join(header).encode() + vertices.tobytes() + face.tobytes())
+
+
+def require_laspy() -> Any:
+    """The package, or `MissingDependency`."""
+    try:
+        import laspy
+    except ImportError as error:
+        raise MissingDependency('LAS files need laspy: pip install "zpm2[las]"') from error
+    return laspy
+
+
+def _las(points: Array, rgb: Colors, patch: Indices) -> bytes:
+    import io
+
+    laspy = require_laspy()
+    header = laspy.LasHeader(point_format=7, version="1.4")
+    low = points.min(0) if len(points) else np.zeros(3)
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 1.0
+    header.offsets, header.scales = low, np.full(3, max(extent, 1e-9) / 2e9)
+    header.add_extra_dim(laspy.ExtraBytesParams(name="patch", type=np.int32))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * 257
+    las.patch = patch.astype(np.int32)
+    buffer = io.BytesIO()
+    las.write(buffer)
+    return buffer.getvalue()
+
+
+def _ply_header(vertices: int, kind: str) -> list[str]:
+    return [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment zpm2 polygon cloud",
+        f"element vertex {vertices}",
+        *(f"property {kind} {axis}" for axis in "xyz"),
+    ]
+
+
+def _coloured(trimesh: Any, vertices: Array, faces: Indices, rgb: Colors) -> Any:
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.visual.face_colors = [*rgb.tolist(), 255]
+    return mesh
+
+
+def _closed(cloud: PolygonCloud, polygon: CloudPatch) -> list[Array]:
+    """The rings in the world, the first point once more at the end."""
+    return [cloud.world(np.concatenate([ring.points, ring.points[:1]])) for ring in polygon.rings]
+
+
+def _thinned(ring: Array, step: float) -> Array:
+    """Every point of a line that is at least `step` along it from the last one kept."""
+    along = np.cumsum(np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1))
+    return ring[np.unique(np.floor(along / step), return_index=True)[1]]
+
+
+def _fit(first: Array, second: Array) -> Indices:
+    """(n,) by how many corners each second ring must be turned so that its corners lie next to the first's."""
+    agreement = [np.einsum("nki,nki->n", first, np.roll(second, -k, axis=1)) for k in range(SIDES)]
+    return np.argmax(agreement, axis=0)

@@ -1,0 +1,55 @@
+"""The polygon cloud as one HTML file that needs nothing else: turn it, point at a polygon, read what is said of it."""
+
+import base64
+import json
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from zpm2.cloud.export import attributes, colors
+from zpm2.cloud.result import PolygonCloud
+from zpm2.cloud.scene import SURFACE, Scene, scene
+
+TRIANGLES = 300_000  # of the surface and of all patches, at most about; a page stays below 30 MB
+OPENING = 0.7  # radians, field of view from top to bottom
+
+
+def page(cloud: PolygonCloud) -> str:
+    """The HTML of a cloud."""
+    shown = scene(cloud, TRIANGLES)
+    side = np.cross(shown.up, shown.towards)
+    side /= max(float(np.linalg.norm(side)), 1e-12)
+    towards = np.cross(side, shown.up)
+    data = {
+        "about": f"{len(cloud.patches)} polygons from {cloud.matches} matches in {len(cloud.views)} views, "
+        f"{100 * cloud.coverage:.0f} % of the surface that they see",
+        "distance": 0.45 / np.tan(OPENING / 2),
+        "opening": OPENING,
+        "frame": [side.tolist(), shown.up.tolist(), towards.tolist()],
+        "views": [view.name for view in cloud.views],
+        "polygons": [
+            attributes(polygon) | {"rgb": rgb.tolist()}
+            for polygon, rgb in zip(cloud.patches, colors(cloud), strict=True)
+        ],
+        "parts": [
+            _part("surface", shown, shown.ids == SURFACE),
+            _part("patches", shown, (shown.ids != SURFACE) & ~shown.tube),
+            _part("tubes", shown, shown.tube),
+        ],
+    }
+    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    template = resources.files("zpm2.cloud").joinpath("page.html").read_text(encoding="utf-8")
+    return template.replace("/*DATA*/", text)
+
+
+def _part(name: str, shown: Scene, rows: Any) -> dict[str, str]:
+    """Triangles of a scene in units of its extent around its centre, each vertex with its colour and its polygon."""
+    used, inverse = np.unique(shown.faces[rows], return_inverse=True)
+    ids, paint = np.full(len(used), float(SURFACE), np.float32), np.zeros((len(used), 3), np.uint8)
+    corner = inverse.ravel()
+    ids[corner] = np.repeat(shown.ids[rows], 3)
+    paint[corner] = np.repeat(shown.colors[rows], 3, axis=0)
+    vertices = ((shown.vertices[used] - shown.center) / shown.extent).astype("<f4")
+    arrays = {"vertices": vertices, "faces": corner.astype("<u4"), "colors": paint, "ids": ids.astype("<f4")}
+    return {"name": name} | {key: base64.b64encode(value.tobytes()).decode() for key, value in arrays.items()}

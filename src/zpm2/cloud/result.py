@@ -1,0 +1,185 @@
+"""The polygon cloud: patches with the identity of their matches, and every match that gave none with its reason."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2._version import __version__
+from zpm2.cloud.lift import Ring
+from zpm2.cloud.patch import Patch
+from zpm2.cloud.surface import Surface
+from zpm2.cloud.workspace import View
+from zpm2.io.files import atomic_write
+from zpm2.model import Camera, Polygon
+
+Array = NDArray[np.float64]
+SCHEMA = "zpm2-cloud/1"
+
+
+@dataclass(frozen=True)
+class Support:
+    """A match that stands behind a patch."""
+
+    left_view: int
+    right_view: int
+    left_polygon: int  # id in that pair's result
+    right_polygon: int
+    confidence: float  # 0..1
+    overlap: float  # 0..1, see `Agreement`
+    distance: float | None  # units of the mesh
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPatch:
+    """One polygon of the cloud: a closed piece of the surface with the identity of its matches."""
+
+    id: int
+    patch: Patch  # in the surface's coordinates
+    rings: tuple[Ring, ...]  # its boundary there, exterior first
+    view: int  # index of the view whose polygon it is
+    polygon: Polygon  # in that view's image
+    scale: float  # s of the diffusion, 1: the whole polygon
+    bridged: int  # segments of the boundary that are straight, as no walk led along the surface
+    views: tuple[int, ...]  # indices of all views that see it
+    supports: tuple[Support, ...]  # its matches, the surest first
+    filled: float  # 0..1, share of its area that fills holes of the mesh
+    parent: int | None = None  # id of the smallest patch that it is a part of
+    level: int = 0  # number of patches around it
+
+    @property
+    def label(self) -> str | None:
+        """A class name, where the source of the region gave one."""
+        return self.polygon.label
+
+    @property
+    def confidence(self) -> float:
+        """0..1, of its surest match."""
+        return self.supports[0].confidence
+
+    @property
+    def length(self) -> float:
+        """Of all its boundaries, units of the mesh."""
+        return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A match, or a track, that gave no patch."""
+
+    left_view: int
+    right_view: int
+    left_polygon: int
+    right_polygon: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonCloud:
+    """The polygons on their surface."""
+
+    views: Sequence[View]
+    surface: Surface
+    patches: Sequence[CloudPatch]
+    rejected: Sequence[Rejected]
+    matches: int  # of all pairs, before anything was rejected
+    coverage: float  # 0..1, share of the surface seen by the views that the patches cover
+    config: Mapping[str, Any]
+    timings: Mapping[str, float]  # stage -> seconds
+    warnings: Sequence[str]
+    version: str = field(default=__version__)
+
+    @property
+    def accepted(self) -> int:
+        """Matches that stand behind a patch."""
+        return sum(len(patch.supports) for patch in self.patches)
+
+    def world(self, points: Array) -> Array:
+        """(n, 3) points of the surface in the coordinates of the cameras and of the mesh's file."""
+        return np.asarray(points + self.surface.origin)
+
+    def reasons(self) -> dict[str, int]:
+        """How many matches gave no patch, by reason, the most frequent one first; numbers in a reason left out."""
+        return dict(Counter(rejected.reason.split(":")[0] for rejected in self.rejected).most_common())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of `cloud.json` (schema "zpm2-cloud/1"). Coordinates, lengths and areas in units of the mesh."""
+        surface = self.surface
+        return {
+            "schema": SCHEMA,
+            "version": self.version,
+            "config": dict(self.config),
+            "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
+            "views": [
+                {
+                    "name": view.name,
+                    "path": str(view.path),
+                    "camera": _camera(view.camera.camera),
+                    "rotation": view.camera.rotation.tolist(),
+                    "translation": view.camera.translation.tolist(),
+                }
+                for view in self.views
+            ],
+            "surface": {
+                "vertices": len(surface.vertices),
+                "faces": len(surface.faces),
+                "filled_faces": surface.filled,
+                "extent": surface.extent,
+                "origin": surface.origin.tolist(),
+                "notes": list(surface.notes),
+            },
+            "counts": {
+                "matches": self.matches,
+                "accepted": self.accepted,
+                "rejected": len(self.rejected),
+                "patches": len(self.patches),
+                "coverage": self.coverage,
+                "reasons": self.reasons(),
+            },
+            "patches": [self._patch(patch) for patch in self.patches],
+            "rejected": [vars(rejected) for rejected in self.rejected],
+            "warnings": list(self.warnings),
+        }
+
+    def _patch(self, polygon: CloudPatch) -> dict[str, Any]:
+        patch = polygon.patch
+        return {
+            "id": polygon.id,
+            "label": polygon.label,
+            "confidence": polygon.confidence,
+            "parent": polygon.parent,
+            "area": patch.area,
+            "length": polygon.length,
+            "centroid": self.world(patch.centroid[None])[0].tolist(),
+            "normal": patch.normal.tolist(),
+            "normal_spread_deg": patch.normal_spread,
+            "planarity": patch.planarity,
+            "plane_distance": patch.plane_distance,
+            "curvature": patch.curvature,
+            "triangles": len(patch.faces),
+            "scale": polygon.scale,
+            "filled": polygon.filled,
+            "bridged": polygon.bridged,
+            "view": polygon.view,
+            "views": list(polygon.views),
+            "supports": [vars(support) for support in polygon.supports],
+            "rings": [self.world(ring.points).tolist() for ring in polygon.rings],
+        }
+
+    def save_json(self, folder: Path) -> Path:
+        """Write cloud.json, whole or not at all."""
+        return atomic_write(folder / "cloud.json", json.dumps(self.to_dict(), allow_nan=False))
+
+
+def _camera(camera: Camera) -> dict[str, Any]:
+    return {
+        "matrix": camera.matrix.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "width": camera.size[0],
+        "height": camera.size[1],
+    }

@@ -1,0 +1,44 @@
+"""All files of a polygon cloud."""
+
+from pathlib import Path
+
+import cv2
+
+from zpm2.cloud import export
+from zpm2.cloud.page import page
+from zpm2.cloud.picture import three_views
+from zpm2.cloud.result import PolygonCloud
+from zpm2.cloud.scene import scene
+from zpm2.errors import Failed
+from zpm2.io.files import atomic_write, output_folder
+
+POINTS = 200_000  # on all patches, about, where no spacing is given
+
+
+def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, las: bool = False) -> list[str]:
+    """Write cloud.json, patches.ply, cloud.glb, boundaries.geojson, boundaries.wkt, points.ply (and points.las),
+    cloud.png and cloud.html, each whole or not at all, cloud.json last. Returns what could not be made, and why.
+
+    spacing: of the points, units of the mesh; None for 200,000 points in all.
+    """
+    if las:
+        export.require_laspy()
+    out = output_folder(folder)
+    missing = []
+    export.write_ply(cloud, out / "patches.ply")
+    export.write_glb(cloud, out / "cloud.glb")
+    export.write_boundaries(cloud, out)
+    area = sum(patch.patch.area for patch in cloud.patches)
+    between = spacing or max((area / POINTS) ** 0.5, 1e-12)
+    export.write_points(cloud, out / "points.ply", between)
+    if las:
+        export.write_points(cloud, out / "points.las", between)
+    picture = three_views(scene(cloud))
+    if isinstance(picture, Failed):
+        missing.append(f"no cloud.png: {picture}")
+    else:
+        pixels = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        atomic_write(out / "cloud.png", cv2.imencode(".png", pixels)[1].tobytes())
+    atomic_write(out / "cloud.html", page(cloud))
+    cloud.save_json(out)
+    return missing

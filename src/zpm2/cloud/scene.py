@@ -1,0 +1,123 @@
+"""What pictures and pages of a polygon cloud show: the surface in grey, patches above it, boundaries as tubes.
+
+Positions here are for the eye only: patches float a little above the surface, parts above their wholes, so that nothing
+flickers; and what lies far from all patches is left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.cloud.export import DARKER, colors, seen_extent, tubes
+from zpm2.cloud.patch import Patch, shares
+from zpm2.cloud.result import PolygonCloud
+from zpm2.cloud.surface import Surface
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Colors = NDArray[np.uint8]
+ABOVE = 3e-4  # of the extent: between the surface, a patch, and a part of it
+OVER = 0.02  # of a patch's area: less in common with another does not count
+AROUND = 0.75  # of the extent: what is farther from the middle is not shown
+PALE = (206, 206, 206)
+SURFACE = -1  # in the place of a patch's id
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Triangles to show, in the surface's coordinates."""
+
+    vertices: Array  # (n, 3)
+    faces: Indices  # (m, 3)
+    ids: Indices  # (m,) the patch of each, `SURFACE` for none
+    colors: Colors  # (m, 3)
+    tube: NDArray[np.bool_]  # (m,) whether it is part of a boundary
+    center: Array  # (3,) middle of the patches' box
+    extent: float  # its diagonal
+    up: Array  # (3,) unit
+    towards: Array  # (3,) unit, from the centre to where the views were
+
+
+def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
+    """The scene of a cloud; surface and patches with at most about `most` triangles each, if given."""
+    extent = seen_extent(cloud)
+    points = [patch.patch.vertices for patch in cloud.patches] or [cloud.surface.vertices]
+    every = np.concatenate(points)
+    center = (every.min(0) + every.max(0)) / 2
+    parts = [(*_surface(cloud.surface, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
+    total = sum(len(patch.patch.faces) for patch in cloud.patches)
+    for polygon, rgb, layer in zip(cloud.patches, colors(cloud), _layers(cloud), strict=True):
+        lift = layer * ABOVE * extent
+        patch = polygon.patch
+        floating = patch.vertices + lift * _vertex_normals(patch)
+        faces = patch.faces
+        if most is not None and total > most:
+            floating, faces = clustered(floating, faces, max(20, most * len(faces) // total))
+        parts.append((floating, faces, polygon.id, rgb, False))
+        line = tubes(cloud, [ring.points + lift * polygon.patch.normal for ring in polygon.rings])
+        parts.append((*line, polygon.id, (rgb * DARKER).astype(np.uint8), True))
+    start = np.cumsum([0, *(len(v) for v, *_ in parts)])
+    count = [len(f) for _, f, *_ in parts]
+    towards = np.mean([_unit(view.camera.center - cloud.surface.origin - center) for view in cloud.views], axis=0)
+    return Scene(
+        vertices=np.concatenate([v for v, *_ in parts]),
+        faces=np.concatenate([f + first for (_, f, *_), first in zip(parts, start, strict=False)]),
+        ids=np.repeat([i for _, _, i, *_ in parts], count),
+        colors=np.repeat(np.array([c for _, _, _, c, _ in parts]), count, axis=0),
+        tube=np.repeat([t for *_, t in parts], count),
+        center=center,
+        extent=extent,
+        up=_unit(-np.sum([view.camera.rotation[1] for view in cloud.views], axis=0)),
+        towards=_unit(towards),
+    )
+
+
+def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indices]:
+    """A mesh with fewer triangles, about `most`: vertices of one cell of a grid become their mean (Rossignac and
+    Borrel, Multi-resolution 3D approximations, 1993)."""
+    if len(faces) <= most:
+        return vertices, faces
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    cell = (2 * area / most) ** 0.5
+    key = np.floor((vertices - vertices.min(0)) / cell).astype(np.int64)
+    _, of, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    of = of.ravel()
+    means = np.stack([np.bincount(of, vertices[:, k]) for k in range(3)], axis=1) / count[:, None]
+    fewer = of[faces]
+    real = (fewer != np.roll(fewer, -1, axis=1)).all(1)
+    _, first = np.unique(np.sort(fewer[real], axis=1), axis=0, return_index=True)
+    return means, fewer[real][np.sort(first)]
+
+
+def _surface(surface: Surface, center: Array, radius: float, most: int | None) -> tuple[Array, Indices]:
+    near = np.linalg.norm(surface.vertices - center, axis=1) < radius
+    faces = surface.faces[near[surface.faces].all(1)]
+    used, inverse = np.unique(faces, return_inverse=True)
+    vertices, faces = surface.vertices[used], inverse.reshape(-1, 3)
+    return (vertices, faces) if most is None else clustered(vertices, faces, most)
+
+
+def _vertex_normals(patch: Patch) -> Array:
+    """(n, 3) unit means of the normals around, by area."""
+    across = np.repeat(patch.normals * patch.areas[:, None], 3, axis=0)
+    corner, n = patch.faces.ravel(), len(patch.vertices)
+    sums = np.stack([np.bincount(corner, across[:, k], n) for k in range(3)], axis=1)
+    return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300))
+
+
+def _layers(cloud: PolygonCloud) -> list[int]:
+    """For each patch how many layers lie under it: one more than under any larger one that it covers a part of."""
+    covers = shares([patch.patch for patch in cloud.patches], cloud.surface)
+    both = (covers @ covers.multiply(cloud.surface.areas).T.tocsr()).tocsr()
+    layer: list[int] = []
+    for k, patch in enumerate(cloud.patches):  # by descending area
+        row = slice(both.indptr[k], both.indptr[k + 1])
+        under = both.indices[row][both.data[row] > OVER * patch.patch.area]
+        layer.append(1 + max((layer[j] for j in under if j < k), default=0))
+    return layer
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))

@@ -1,0 +1,262 @@
+"""`zpm2 cloud`: matched polygons lifted onto a surface."""
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from zpm2.console import (
+    AsJson,
+    ConfigFile,
+    Device,
+    Preset,
+    Quiet,
+    Seed,
+    Settings,
+    WeightsDir,
+    bars,
+    configure,
+    fresh_folder,
+    use_weights,
+)
+from zpm2.errors import ConfigError, Failed, InputError
+
+if TYPE_CHECKING:
+    from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View
+    from zpm2.cloud.stereo import Rig
+    from zpm2.config import Config
+    from zpm2.pipeline import PolygonMatcher
+    from zpm2.result import MatchResult
+
+UNMATCHED = ("cloud", "pose", "device")  # stages of a configuration that do not change matches
+
+
+def cloud(
+    inputs: Annotated[
+        list[Path], typer.Argument(help="A workspace (photographs, cameras, mesh), or with --stereo two photographs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    mesh: Annotated[Path | None, typer.Option(help="The mesh, where the workspace has none or several.")] = None,
+    images: Annotated[Path | None, typer.Option(help="Folder of the photographs, if not in the usual place.")] = None,
+    cameras: Annotated[
+        Path | None, typer.Option(help="COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.")
+    ] = None,
+    stereo: Annotated[
+        bool, typer.Option("--stereo", help="Take the surface from a rectified, calibrated pair alone.")
+    ] = False,
+    calib: Annotated[Path | None, typer.Option(help="With --stereo: Middlebury's calib.txt.")] = None,
+    k: Annotated[
+        str | None, typer.Option("--K", help="With --stereo: fx,fy,cx,cy of the left camera, as for zpm2 pose.")
+    ] = None,
+    k2: Annotated[str | None, typer.Option("--K2", help="The right camera.  [default: as the left one]")] = None,
+    baseline: Annotated[
+        float | None, typer.Option(help="With --K: distance of the cameras, in the unit of the cloud.")
+    ] = None,
+    disparity: Annotated[
+        Path | None, typer.Option(help="With --stereo: disparity of the left image (.pfm, .png, .npy).")
+    ] = None,
+    disparity_scale: Annotated[float, typer.Option(help="What the values of --disparity are divided by.")] = 1.0,
+    matches: Annotated[
+        Path | None, typer.Option(help="With --stereo: take the matches of this folder of zpm2 match.")
+    ] = None,
+    non_overlapping: Annotated[
+        bool, typer.Option("--non-overlapping", help="Every pixel belongs to one match at most.")
+    ] = False,
+    spacing: Annotated[
+        float | None, typer.Option(help="Of the sampled points, in the mesh's unit.  [default: 200,000 points]")
+    ] = None,
+    las: Annotated[bool, typer.Option("--las", help="Write points.las too.")] = False,
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    device: Device = None,
+    seed: Seed = None,
+    weights_dir: WeightsDir = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Lift the matched polygons of photographs onto a surface: a polygon cloud.
+
+    Writes cloud.json, cloud.html to look at, cloud.png, patches.ply, cloud.glb, boundaries and points. The matches of
+    each pair stay in pairs/, and are taken from there by the next run.
+    """
+    config = configure(preset, config_file, settings, {"device": device, "seed": seed})
+    if spacing is not None and not 0 < spacing < float("inf"):
+        raise ConfigError(f"--spacing {spacing}: give a distance above 0")
+    only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
+    _refuse(stereo, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
+    if len(inputs) != (2 if stereo else 1):
+        raise ConfigError("give one workspace, or two photographs with --stereo")
+    from zpm2.cloud import save
+    from zpm2.cloud.export import require_laspy
+    from zpm2.cloud.surface import require_trimesh
+
+    require_trimesh()
+    if las:
+        require_laspy()
+    use_weights(weights_dir)
+    with fresh_folder(out, *inputs), bars(quiet or as_json) as (progress, say):
+        matcher = _Matcher(config, progress, say, out)
+        if stereo:
+            rig = _rig(calib, k, k2, baseline, inputs)
+            found = _stereo(matcher, inputs, rig, disparity, disparity_scale, matches, non_overlapping)
+        else:
+            found = _workspace(matcher, inputs[0], mesh, images, cameras, non_overlapping)
+        progress("save", 0.0)
+        missing = save(found, out, spacing, las)
+        progress("save", 1.0)
+    _report(found, missing, out, quiet, as_json)
+    if not found.patches:
+        raise typer.Exit(1)
+
+
+def _refuse(stereo: bool, only_stereo: dict[str, Any], only_workspace: dict[str, Any]) -> None:
+    for name, value in (only_workspace if stereo else only_stereo).items():
+        if value is not None:
+            raise ConfigError(f"{name} is for {'a workspace, not for --stereo' if stereo else '--stereo'}")
+
+
+class _Matcher:
+    """Matches pairs, keeps them in pairs/ of the output folder, and takes from there what is there already."""
+
+    def __init__(
+        self, config: "Config", progress: Callable[[str, float], None], say: Callable[[str], None], out: Path
+    ) -> None:
+        self.config, self.progress, self.say, self.out = config, progress, say, out
+        self._matcher: PolygonMatcher | None = None
+
+    def __call__(self, left: Path, right: Path) -> "MatchResult":
+        from zpm2.result import MatchResult
+
+        folder = self.out / "pairs" / f"{left.stem}-{right.stem}"
+        if (folder / "matches.json").exists():
+            kept = MatchResult.load(folder)
+            paths = [side.path and Path(side.path).resolve() for side in (kept.left, kept.right)]
+            if paths == [left.resolve(), right.resolve()] and _asked(kept.config) == _asked(self.config.to_dict()):
+                return kept
+        if self._matcher is None:
+            from zpm2.pipeline import PolygonMatcher
+
+            self._matcher = PolygonMatcher(self.config, progress=self.progress, say=self.say)
+        self._matcher(left, right).save(folder)
+        return MatchResult.load(folder)  # without the pixels
+
+
+def _asked(config: Any) -> dict[str, Any]:
+    """The part of a configuration that makes matches, as JSON has it."""
+    return json.loads(json.dumps({name: value for name, value in config.items() if name not in UNMATCHED}))
+
+
+def _workspace(
+    matcher: _Matcher, folder: Path, mesh: Path | None, images: Path | None, cameras: Path | None, exclusive: bool
+) -> "PolygonCloud":
+    from zpm2.cloud import MatchedPair, Surface, neighbor_pairs, open_caster
+    from zpm2.cloud.workspace import find_mesh, read_views
+
+    views = read_views(folder, images, cameras)
+    matcher.progress("mesh", 0.0)
+    surface = _filled(Surface.read(mesh or find_mesh(folder)), matcher.config)
+    matcher.progress("mesh", 1.0)
+    caster = open_caster(surface)
+    chosen = neighbor_pairs([view.camera for view in views], surface, caster, matcher.config.cloud.neighbors)
+    pairs = []
+    for k, (i, j) in enumerate(chosen):
+        matcher.progress("pairs", k / len(chosen))
+        result = matcher(views[i].path, views[j].path)
+        pairs.append(MatchedPair(i, j, result.flatten() if exclusive else result))
+    matcher.progress("pairs", 1.0)
+    return _built(views, pairs, surface, matcher)
+
+
+def _stereo(
+    matcher: _Matcher,
+    photographs: list[Path],
+    rig: "Rig",
+    disparity: Path | None,
+    scale: float,
+    matches: Path | None,
+    exclusive: bool,
+) -> "PolygonCloud":
+    from zpm2.cloud import MatchedPair, View, stereo
+    from zpm2.cloud.export import write_surface
+    from zpm2.io.images import read_image
+    from zpm2.io.maps import read_map
+    from zpm2.result import MatchResult
+
+    left, right = read_image(photographs[0], "left image"), read_image(photographs[1], "right image")
+    for image, camera in ((left, rig.left), (right, rig.right)):
+        if (image.width, image.height) != camera.size:
+            raise InputError(f"{image.path} has {image.width} x {image.height} px, its camera {camera.size}")
+    given = read_map(disparity, (left.width, left.height), scale) if disparity is not None else None
+    result = MatchResult.load(matches) if matches is not None else matcher(*photographs)
+    sizes = [(side.width, side.height) for side in (result.left, result.right)]
+    if sizes != [rig.left.size, rig.right.size]:
+        raise ConfigError(f"--matches {matches} is of images of another size: give the matches of these images")
+    matcher.progress("mesh", 0.0)
+    if given is None:
+        bounds = stereo.disparity_range(result.points.left[:, 0] - result.points.right[:, 0], left.width)
+        if isinstance(bounds, Failed):
+            raise InputError(f"no surface from this pair: {bounds}; give --disparity")
+        given = stereo.semi_global(left, right, *bounds)
+    surface = _filled(stereo.disparity_mesh(given, rig), matcher.config)
+    write_surface(surface, matcher.out / "mesh.ply")
+    matcher.progress("mesh", 1.0)
+    views = [View(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
+    return _built(views, [MatchedPair(0, 1, result.flatten() if exclusive else result)], surface, matcher)
+
+
+def _filled(surface: "Surface", config: "Config") -> "Surface":
+    from zpm2.cloud.holes import fill_holes
+
+    return fill_holes(surface, config.cloud.fill * surface.extent)
+
+
+def _built(views: "list[View]", pairs: "list[MatchedPair]", surface: "Surface", matcher: _Matcher) -> "PolygonCloud":
+    from zpm2.cloud import build, open_caster
+
+    made = build(views, pairs, surface, open_caster(surface), matcher.config.cloud, matcher.progress)
+    said = [f"{views[p.left].name}, {views[p.right].name}: {text}" for p in pairs for text in p.result.warnings]
+    return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=[*made.warnings, *said])
+
+
+def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | None, photographs: list[Path]) -> "Rig":
+    from zpm2.cloud.stereo import read_calibration, rig_of
+    from zpm2.io.inputs import image_size
+    from zpm2.pose.intrinsics import read_camera
+
+    if calib is not None:
+        if any(value is not None for value in (k, k2, baseline)):
+            raise ConfigError("--calib holds the cameras and the baseline: leave --K, --K2 and --baseline out")
+        return read_calibration(calib)
+    if k is None or baseline is None:
+        raise ConfigError("--stereo needs the cameras: give --calib, or --K and --baseline")
+    if not 0 < baseline < float("inf"):
+        raise ConfigError(f"--baseline {baseline}: give a length above 0")
+    texts = k, k2 or k
+    left, right = (
+        read_camera(text, path, image_size(path), name=name)
+        for text, path, name in zip(texts, photographs, ("K", "K2"), strict=True)
+    )
+    return rig_of(left, right, baseline)
+
+
+def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, as_json: bool) -> None:
+    for warning in [*found.warnings, *missing]:
+        print(f"warning: {warning}", file=sys.stderr)
+    document = found.to_dict()
+    if as_json:
+        print(json.dumps({name: document[name] for name in ("counts", "timings", "warnings")} | {"out": str(out)}))
+        return
+    if quiet:
+        return
+    print(
+        f"{len(found.patches)} polygons on the surface, of {found.accepted} of {found.matches} matches in "
+        f"{len(found.views)} views; they cover {100 * found.coverage:.0f} % of what the views see of it"
+    )
+    for reason, count in found.reasons().items():
+        print(f"{count:6d} rejected: {reason}")
+    print(f"Written: {out / 'cloud.html'}, cloud.json, cloud.png, patches.ply, cloud.glb, boundaries, points")
