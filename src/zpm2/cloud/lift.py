@@ -8,10 +8,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.cloud.diffusion import one_surface
+from zpm2.cloud.diffusion import one_surface, without_places
 from zpm2.cloud.rays import Hits, RayCaster
-from zpm2.cloud.shrink import Shrinker, densified, rings_of
+from zpm2.cloud.shrink import Shrinker, densified, rings_of, spacing
 from zpm2.cloud.surface import Surface
+from zpm2.cloud.trial import Fault, cast, faults
 from zpm2.cloud.walk import walk
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
@@ -19,7 +20,8 @@ from zpm2.model import Polygon, PosedCamera
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-PROBES = 200  # samples of a boundary, about, while its scale is looked for
+ROUNDS = 4  # of taking away where an outline runs across an edge
+MISSED = 0.05  # of the samples of a boundary may fall through the surface; the rest is joined
 INSIDE = 1e-7  # smallest barycentric weight of an anchor, so that it lies inside its triangle
 
 
@@ -64,14 +66,12 @@ def lift(
     """
     options = options or CloudConfig()
     shapes = [polygon.shape for polygon in polygons]
-    reason = _trial(shapes, view, surface, caster, options)
+    reason = [_text(fault) for fault in faults(shapes, view, surface, caster, options)]
     bad = [k for k, text in enumerate(reason) if text]
     if options.diffusion == "surface" and bad:
-        parts = one_surface([shapes[k] for k in bad], view, surface, caster, options)
-        for k, part in zip(bad, parts, strict=True):
-            shapes[k] = part
-        for k, text in zip(bad, _trial(parts, view, surface, caster, options), strict=True):
-            reason[k] = "" if not text else reason[k]
+        parts, said = _parts([shapes[k] for k in bad], view, surface, caster, options)
+        for k, part, text in zip(bad, parts, said, strict=True):
+            shapes[k], reason[k] = part, text and reason[k]
         bad = [k for k in bad if reason[k] and not shapes[k].is_empty]
     shrunk, said = _shrunk([shapes[k] for k in bad], view, surface, caster, options)
     for k, shape, text in zip(bad, shrunk, said, strict=True):
@@ -80,6 +80,34 @@ def lift(
     for k in np.flatnonzero(scale < options.min_scale).tolist():
         reason[k] = reason[k] or "too little of it lies on one surface"
     return _on_surface(polygons, shapes, scale, reason, view, surface, caster, options)
+
+
+def _parts(
+    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
+) -> tuple[list[shapely.Polygon], list[str]]:
+    """The part of each shape on one surface, and what is wrong with its boundary still; empty where nothing is.
+
+    The inside hangs together, but its outline may run across an edge between samples of the inside: those places are
+    taken away, a few times.
+    """
+    parts, usual = one_surface(shapes, view, surface, caster, options)
+    said = faults(parts, view, surface, caster, options, usual)
+    for _ in range(ROUNDS):
+        again = [k for k, fault in enumerate(said) if fault is not None and len(fault.at)]
+        if not again:
+            break
+        for k in again:
+            fault = said[k]
+            assert fault is not None
+            parts[k] = without_places(parts[k], fault.at, 1.5 * spacing(shapes[k], options.step))
+        mended = faults([parts[k] for k in again], view, surface, caster, options, usual[again])
+        for k, fault in zip(again, mended, strict=True):
+            said[k] = fault
+    return parts, [_text(fault) for fault in said]
+
+
+def _text(fault: Fault | None) -> str:
+    return "" if fault is None else fault.reason
 
 
 def _on_surface(
@@ -98,16 +126,19 @@ def _on_surface(
     rings = [(k, densified(ring, options.step)) for k in good for ring in rings_of(shapes[k])]
     if not rings:
         return result
-    hits = _cast(view, surface, caster, np.concatenate([ring for _, ring in rings]))
+    hits = cast(view, surface, caster, np.concatenate([ring for _, ring in rings]))
+    bounds = np.cumsum([0, *(len(ring) for _, ring in rings)])
+    met = [int(hits.found[a:b].sum()) for a, b in pairwise(bounds)]
     mine: dict[int, list[Ring]] = {k: [] for k in good}
-    for (k, _), ring in zip(rings, _traced(surface, view, hits, [len(ring) for _, ring in rings]), strict=True):
-        mine[k].append(ring)
+    kept = Hits(hits.face[hits.found], hits.point[hits.found], hits.weights[hits.found])
+    for (k, ring), traced, count in zip(rings, _traced(surface, view, kept, met), met, strict=True):
+        if count < max(3, (1 - MISSED) * len(ring)):
+            result[k] = Failed("the surface has holes under its boundary")
+        mine[k].append(traced)
     for k, boundary in mine.items():
-        if all(np.isfinite(ring.points).all() for ring in boundary):
+        if result[k] == Failed(""):
             bridged = sum(int((ring.faces < 0).sum()) for ring in boundary)
             result[k] = Lifted(polygons[k].id, tuple(boundary), shapes[k], float(scale[k]), bridged)
-        else:
-            result[k] = Failed("the surface has holes under the boundary")
     return result
 
 
@@ -118,7 +149,7 @@ def outlines(
     rings = [[densified(ring, step) for ring in rings_of(shape)] for shape in shapes]
     counts = [sum(len(ring) for ring in of) for of in rings]
     points = np.concatenate([np.zeros((0, 2)), *(ring for of in rings for ring in of)])
-    hits = _cast(view, surface, caster, points)
+    hits = cast(view, surface, caster, points)
     bounds = np.cumsum([0, *counts])
     return [hits.point[a:b][hits.found[a:b]] for a, b in pairwise(bounds)]
 
@@ -134,7 +165,7 @@ def _shrunk(
 
     def test(rows: Indices, scales: Array) -> NDArray[np.bool_]:
         trial = [shrinkers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
-        said = _trial(trial, view, surface, caster, options)
+        said = [_text(fault) for fault in faults(trial, view, surface, caster, options)]
         for k, shape, text in zip(rows, trial, said, strict=True):
             if not text:
                 best[k] = shape
@@ -153,81 +184,23 @@ def _shrunk(
     return best, reason
 
 
-def _trial(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
-) -> list[str]:
-    """What is wrong with each boundary on the surface; empty where nothing is."""
-    said = [""] * len(shapes)
-    rings: list[tuple[int, Array]] = []
-    for k, shape in enumerate(shapes):
-        parts = rings_of(shape)
-        if not parts:
-            said[k] = "nothing is left of it"
-        for ring in parts:
-            length = float(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum())
-            rings.append((k, densified(ring, max(options.step, length / PROBES))))
-    if not rings:
-        return said
-    hits = _cast(view, surface, caster, np.concatenate([ring for _, ring in rings]))
-    normals = surface.normals
-    depth = (hits.point + surface.origin) @ view.rotation[2] + view.translation[2]
-    start = 0
-    for k, ring in rings:
-        rows = slice(start, start + len(ring))
-        start += len(ring)
-        said[k] = said[k] or _fault(ring, hits.face[rows], hits.point[rows], depth[rows], normals, view, options)
-    return said
-
-
-def _fault(
-    ring: Array, face: Indices, point: Array, depth: Array, normals: Array, view: PosedCamera, options: CloudConfig
-) -> str:
-    """What is wrong with one ring (k, 2) px, its hits on the surface and their depths; empty where nothing is."""
-    if (face < 0).any():
-        return "its boundary leaves the surface"
-    gap = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
-    edge = np.linalg.norm(np.roll(point, -1, axis=0) - point, axis=1)
-    spread = edge / np.maximum(gap, 1e-9)
-    if spread.max() > options.max_edge * np.median(spread):
-        return "its boundary jumps between surfaces"
-    fold = (normals[face] * normals[np.roll(face, -1)]).sum(1)
-    if fold.min() < np.cos(np.radians(options.max_fold)):
-        return "the surface is folded under its boundary"
-    seen = np.linalg.norm(np.ptp(ring, axis=0)) * np.median(depth) / view.camera.focal
-    if np.linalg.norm(np.ptp(point, axis=0)) > options.max_size * seen:
-        return "it is far larger than its image allows"
-    return ""
-
-
-def _cast(view: PosedCamera, surface: Surface, caster: RayCaster, points: Array) -> Hits:
-    """First hits of the lines of sight through (n, 2) px."""
-    origin = np.broadcast_to(view.center - surface.origin, (len(points), 3))
-    return caster.first_hits(origin, view.directions(points))
-
-
 def _traced(surface: Surface, view: PosedCamera, hits: Hits, counts: Sequence[int]) -> list[Ring]:
     """Closed boundaries through the hits of rings of `counts` samples, along the surface."""
     weights = np.clip(hits.weights, INSIDE, None)
     weights /= weights.sum(1, keepdims=True)
-    anchors = np.full((len(hits.face), 3), np.nan)
-    found = hits.found
-    anchors[found] = np.einsum("nk,nki->ni", weights[found], surface.corners[hits.face[found]])
+    anchors = np.einsum("nk,nki->ni", weights, surface.corners[hits.face])
     start = np.cumsum([0, *counts])
     following = np.arange(len(anchors)) + 1
-    following[start[1:] - 1] = start[:-1]
-    possible = np.flatnonzero(found & found[following])
-    targets = following[possible]
-    center = np.broadcast_to(view.center - surface.origin, (len(possible), 3))
-    walks = walk(surface, (hits.face[possible], anchors[possible]), (hits.face[targets], anchors[targets]), center)
-    arrived = np.zeros(len(anchors), bool)
-    arrived[possible] = walks.arrived
-    crossed = np.zeros(len(anchors), np.int64)
-    crossed[possible] = np.diff(walks.start)
+    last = start[1:] - 1
+    following[last[last >= start[:-1]]] = start[:-1][last >= start[:-1]]
+    center = np.broadcast_to(view.center - surface.origin, anchors.shape)
+    walks = walk(surface, (hits.face, anchors), (hits.face[following], anchors[following]), center)
+    crossed = np.diff(walks.start)
     at = np.arange(len(anchors)) + np.cumsum(crossed) - crossed  # each anchor, and after it the crossings of its walk
     is_anchor = np.zeros(len(anchors) + len(walks.points), bool)
     is_anchor[at] = True
     points, faces = np.empty((len(is_anchor), 3)), np.empty(len(is_anchor), np.int64)
     points[is_anchor], points[~is_anchor] = anchors, walks.points
-    faces[is_anchor], faces[~is_anchor] = np.where(arrived, hits.face, -1), walks.faces
+    faces[is_anchor], faces[~is_anchor] = np.where(walks.arrived, hits.face, -1), walks.faces
     first = np.append(at, len(points))[start]
     return [Ring(points[a:b], faces[a:b]) for a, b in pairwise(first)]

@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
+from zpm2.cloud.shrink import largest
 from zpm2.cloud.surface import Surface
 from zpm2.errors import Failed
 from zpm2.model import PosedCamera
@@ -129,8 +130,8 @@ class Cutter:
         rings = [self.view.project(ring.points + surface.origin) for ring in lifted.rings]
         shape = shapely.Polygon(rings[0], rings[1:])
         if not shape.is_valid:
-            shape = max(shapely.get_parts(shapely.make_valid(shape)), key=shapely.area)
-        if shape.geom_type != "Polygon" or shape.area == 0:
+            shape = largest(shapely.make_valid(shape))
+        if shape.area == 0:
             return Failed("its boundary encloses nothing")
         border = np.unique(np.concatenate([ring.faces for ring in lifted.rings]))
         border = border[border >= 0]

@@ -1,4 +1,4 @@
-"""Smaller and smaller copies of a polygon inside itself, for polygon diffusion approximation (paper 3.5.2, 1)."""
+"""Polygons in the image made smaller, and sampled (paper 3.5.2, (1) and (3))."""
 
 import numpy as np
 import shapely
@@ -6,6 +6,7 @@ import shapely.affinity
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+CELLS = 10_000  # samples of a polygon, about; larger polygons have a coarser grid
 
 
 class Shrinker:
@@ -28,10 +29,14 @@ class Shrinker:
             return self.polygon
         if self.radial:
             return shapely.affinity.scale(self.polygon, scale, scale, origin=self.polygon.centroid)
-        inner = self.polygon.buffer(-(1 - scale) * self.depth, join_style="mitre")
-        if inner.geom_type == "MultiPolygon":
-            inner = max(inner.geoms, key=lambda part: part.area)
-        return inner
+        return largest(self.polygon.buffer(-(1 - scale) * self.depth, join_style="mitre"))
+
+
+def largest(geometry: shapely.Geometry) -> shapely.Polygon:
+    """The largest polygon of any geometry; empty where it has none."""
+    parts = shapely.get_parts(shapely.get_parts(geometry))  # collections may hold MultiPolygons
+    polygons = [part for part in parts if part.geom_type == "Polygon"]
+    return max(polygons, key=lambda part: part.area, default=shapely.Polygon())
 
 
 def densified(ring: Array, step: float) -> Array:
@@ -43,6 +48,11 @@ def densified(ring: Array, step: float) -> Array:
     first = np.cumsum(pieces) - pieces
     share = ((np.arange(len(edge)) - first[edge]) / pieces[edge])[:, None]
     return np.asarray(ring[edge] * (1 - share) + following[edge] * share)
+
+
+def spacing(shape: shapely.Polygon, least: float) -> float:
+    """px between samples of a polygon: `least`, and more for large ones, so that there are about `CELLS` of them."""
+    return max(least, float(shape.area / CELLS) ** 0.5)
 
 
 def rings_of(polygon: shapely.Polygon) -> list[Array]:

@@ -44,6 +44,20 @@ def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Cam
     return Camera(matrix, size, values[4:])
 
 
+def to_pycolmap(camera: Camera, key: int) -> Any:
+    """A pycolmap.Camera with an id: PINHOLE, OPENCV or FULL_OPENCV."""
+    pycolmap = require_pycolmap()
+    fx, fy, cx, cy = camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+    bent = camera.distortion
+    name = "PINHOLE" if not bent.any() else "OPENCV" if len(bent) <= 4 else "FULL_OPENCV"
+    count = {"PINHOLE": 0, "OPENCV": 4, "FULL_OPENCV": 8}[name]
+    params = [fx, fy, cx, cy, *bent[:count], *[0.0] * (count - len(bent[:count]))]
+    made = pycolmap.Camera(model=name, width=camera.size[0], height=camera.size[1], params=params)
+    made.camera_id = key
+    made.has_prior_focal_length = camera.source in ("given", "exif")
+    return made
+
+
 def read_cameras(path: Path) -> dict[str, Camera]:
     """The cameras of a model (its folder, cameras.txt or cameras.bin) by image file name; by id where it has no images.
 

@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 
 from zpm2.errors import Failed, InputError
-from zpm2.io.colmap import require_pycolmap
+from zpm2.io.colmap import require_pycolmap, to_pycolmap
 from zpm2.io.files import output_folder
-from zpm2.model import Camera
 from zpm2.pose.result import PoseResult
 
 
@@ -26,24 +25,12 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
     if names[0] == names[1]:
         raise InputError(f"both images are called {names[0]}: COLMAP needs names that differ")
     folder = output_folder(directory)
-    cameras = [_camera(pycolmap, camera, k + 1) for k, camera in enumerate(result.cameras)]
+    cameras = [to_pycolmap(camera, k + 1) for k, camera in enumerate(result.cameras)]
     motion = np.c_[result.pose.rotation, result.translation]
     _write_database(pycolmap, result, names, cameras, motion, folder / "database.db")
     model = _model(pycolmap, result, names, cameras, motion)
     model.write_binary(str(output_folder(folder / "sparse" / "0")))
     return folder
-
-
-def _camera(pycolmap: Any, camera: Camera, key: int) -> Any:
-    fx, fy, cx, cy = camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
-    bent = camera.distortion
-    name = "PINHOLE" if not bent.any() else "OPENCV" if len(bent) <= 4 else "FULL_OPENCV"
-    count = {"PINHOLE": 0, "OPENCV": 4, "FULL_OPENCV": 8}[name]
-    params = [fx, fy, cx, cy, *bent[:count], *[0.0] * (count - len(bent[:count]))]
-    made = pycolmap.Camera(model=name, width=camera.size[0], height=camera.size[1], params=params)
-    made.camera_id = key
-    made.has_prior_focal_length = camera.source in ("given", "exif")
-    return made
 
 
 def _write_database(

@@ -1,0 +1,5 @@
+"""A surface and cameras from photographs: a workspace for the polygon cloud, where nobody has made one yet."""
+
+from zpm2.reconstruct.workspace import Options, reconstruct
+
+__all__ = ["Options", "reconstruct"]

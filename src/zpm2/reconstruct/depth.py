@@ -1,0 +1,142 @@
+"""Depth maps of undistorted views by semi-global matching, where there is no GPU for patch matching."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.cloud.stereo import semi_global
+from zpm2.errors import Failed
+from zpm2.io.colmap import read_poses, require_pycolmap
+from zpm2.io.images import read_image
+from zpm2.model import PosedCamera
+from zpm2.reconstruct.rectified import rectify_views
+
+Array = NDArray[np.float64]
+Depth = NDArray[np.float32]
+ANGLES = 2.0, 35.0  # degrees between lines of sight of a pair: less is imprecise, more does not look alike
+BEST_ANGLE = 8.0  # degrees
+AGREE = 0.01  # of the depth: maps from different neighbours that differ less say the same
+SMOOTH = 2.0  # px, standard deviation of what normals are averaged over
+
+
+@dataclass(frozen=True, eq=False)
+class SparseView:
+    """An undistorted view and the sparse points that it sees."""
+
+    name: str
+    camera: PosedCamera
+    points: NDArray[np.int64]  # (k,) indices of points
+
+
+def read_sparse(folder: Path) -> tuple[list[SparseView], Array]:
+    """The views of a COLMAP model, by name, and (n, 3) its points."""
+    pycolmap = require_pycolmap()
+    model = pycolmap.Reconstruction(str(folder))
+    row = {key: k for k, key in enumerate(model.points3D)}
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    posed = read_poses(folder)
+    seen = {
+        image.name: np.array([row[p.point3D_id] for p in image.points2D if p.has_point3D()], np.int64)
+        for image in model.images.values()
+    }
+    return [SparseView(name, camera, np.unique(seen[name])) for name, camera in posed.items()], points
+
+
+def write_depth_maps(dense: Path, count: int, tell: Callable[[str, float], None]) -> list[str]:
+    """Depth and normal maps of all views of an undistorted workspace of COLMAP, from `count` neighbours each, in its
+    format. Maps that are there already stay. Returns notes on views that got none."""
+    views, points = read_sparse(dense / "sparse")
+    notes = []
+    for k, view in enumerate(views):
+        tell("depth", k / len(views))
+        files = [dense / "stereo" / kind / f"{view.name}.geometric.bin" for kind in ("depth_maps", "normal_maps")]
+        if all(file.is_file() for file in files):
+            continue
+        depth = _depth(view, views, points, dense / "images", count)
+        if isinstance(depth, Failed):
+            notes.append(f"{view.name}: no depth: {depth}")
+            width, height = view.camera.camera.size
+            depth = np.full((height, width), np.nan, np.float32)
+        _write(files, depth, _normals(depth, view.camera))
+    tell("depth", 1.0)
+    return notes
+
+
+def choose_neighbors(view: SparseView, views: Sequence[SparseView], points: Array, count: int) -> list[int]:
+    """Indices of the views that share most points with one, from directions that are not too near or too far apart."""
+    scores = []
+    for k, other in enumerate(views):
+        if other is view:
+            continue
+        common = points[np.intersect1d(view.points, other.points)]
+        if len(common) < 20:
+            continue
+        a, b = common - view.camera.center, common - other.camera.center
+        cosine = np.einsum("ni,ni->n", a, b) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+        angle = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        if ANGLES[0] <= angle <= ANGLES[1]:
+            scores.append((len(common) * min(1.0, angle / BEST_ANGLE), k))
+    return [k for _, k in sorted(scores, reverse=True)[:count]]
+
+
+def _depth(view: SparseView, views: Sequence[SparseView], points: Array, images: Path, count: int) -> Depth | Failed:
+    """(h, w) depth of a view; of three or more neighbours two must agree on it. Fusion compares the views later."""
+    reference = read_image(images / view.name)
+    maps, reasons = [], []
+    for k in choose_neighbors(view, views, points, count):
+        pair = rectify_views(view.camera, views[k].camera, points[view.points])
+        if isinstance(pair, Failed):
+            reasons.append(str(pair))
+            continue
+        left, right = pair.images(reference, read_image(images / views[k].name))
+        maps.append(pair.depth(semi_global(left, right, *pair.search)))
+    if not maps:
+        return Failed(reasons[0] if reasons else "no other view shares enough points from a usable angle")
+    return agreed(np.stack(maps), 2 if len(maps) > 2 else 1)
+
+
+def agreed(maps: Depth, least: int) -> Depth:
+    """(n, h, w) depths -> (h, w) mean of the largest group within 1 % of one of them; NaN under `least` in it."""
+    best = np.zeros(maps.shape[1:], np.int64)
+    result = np.full(maps.shape[1:], np.nan, np.float32)
+    for one in maps:
+        with np.errstate(invalid="ignore"):
+            same = np.abs(maps - one) < AGREE * one
+        number = same.sum(0)
+        mean = np.where(same, maps, 0).sum(0) / np.maximum(number, 1)
+        better = number > best
+        best[better], result[better] = number[better], mean[better]
+    result[best < least] = np.nan
+    return result
+
+
+def _normals(depth: Depth, camera: PosedCamera) -> Depth:
+    """(h, w, 3) unit normals in the camera's frame, towards the camera; 0 where they are not known."""
+    height, width = depth.shape
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = np.c_[camera.camera.rays(np.c_[x.ravel(), y.ravel()]), np.ones(depth.size)]
+    points = (rays * depth.reshape(-1, 1)).reshape(height, width, 3).astype(np.float32)
+    along, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    normal = np.cross(down, along)  # towards the camera: y points down
+    normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
+    normal = np.nan_to_num(normal)
+    smooth: Any = cv2.GaussianBlur(normal, (0, 0), SMOOTH)
+    size = np.linalg.norm(smooth, axis=2, keepdims=True)
+    known = np.isfinite(depth)[..., None] & (size > 0.1)
+    return np.where(known, smooth / np.maximum(size, 1e-12), 0).astype(np.float32)
+
+
+def _write(files: Sequence[Path], depth: Depth, normals: Depth) -> None:
+    """COLMAP's format: width&height&channels&, then float32, one channel after the other, row by row; 0 is unknown."""
+    from zpm2.io.files import atomic_write
+
+    known = np.where(np.isfinite(depth) & (normals != 0).any(2), depth, 0).astype("<f4")
+    height, width = depth.shape
+    atomic_write(files[0], f"{width}&{height}&1&".encode() + known.tobytes())
+    channels = np.ascontiguousarray(np.moveaxis(normals, 2, 0)).astype("<f4")
+    atomic_write(files[1], f"{width}&{height}&3&".encode() + channels.tobytes())

@@ -1,0 +1,81 @@
+"""Cameras and sparse points by COLMAP (Schoenberger and Frahm, CVPR 2016), through pycolmap."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zpm2.errors import InputError
+from zpm2.io.colmap import require_pycolmap, to_pycolmap
+from zpm2.model import PosedCamera
+
+ALL_PAIRS = 80  # images up to which each is matched with each
+
+
+def find_structure(
+    images: Path, names: Sequence[str], workspace: Path, known: Mapping[str, PosedCamera] | None, ordered: bool
+) -> Path:
+    """The model workspace/sparse/0 of the photographs `names` in `images`.
+
+    known: cameras by name; then only points are triangulated. ordered: the photographs are a sequence, and each is
+    matched with the next ones only. `InputError` where they do not hang together.
+    """
+    model = workspace / "sparse" / "0"
+    if (model / "cameras.bin").is_file():
+        return model
+    pycolmap = require_pycolmap()
+    database, part = workspace / "database.db", workspace / "sparse.part"
+    shutil.rmtree(part, ignore_errors=True)
+    database.unlink(missing_ok=True)
+    part.mkdir(parents=True)
+    mode = pycolmap.CameraMode.AUTO if known is None else pycolmap.CameraMode.PER_IMAGE
+    pycolmap.extract_features(database, images, names, camera_mode=mode, device=pycolmap.Device.auto)
+    if known is not None:
+        _give_cameras(pycolmap, database, known)
+    if ordered:
+        pycolmap.match_sequential(database)
+    else:
+        pycolmap.match_exhaustive(database)
+    if known is None:
+        found = pycolmap.incremental_mapping(database, images, part)
+        if not found:
+            raise InputError(f"the photographs in {images} do not hang together: take them with more overlap")
+        best = max(found.values(), key=lambda r: r.num_reg_images())
+        shutil.rmtree(part)
+        part.mkdir()
+    else:
+        best = pycolmap.triangulate_points(_posed(pycolmap, database, known), database, images, part)
+    if best.num_points3D() < 10:
+        raise InputError(f"the photographs in {images} have {best.num_points3D()} points in common: too few")
+    best.write(str(part))
+    model.parent.mkdir(exist_ok=True)
+    part.rename(model)
+    return model
+
+
+def _give_cameras(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> None:
+    """Puts the known cameras into a database."""
+    database = pycolmap.Database.open(str(file))
+    try:
+        for image in database.read_all_images():
+            database.update_camera(to_pycolmap(known[image.name].camera, image.camera_id))
+    finally:
+        database.close()
+
+
+def _posed(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> Any:
+    """A model of the known cameras without points, its ids those of a database."""
+    model = pycolmap.Reconstruction()
+    database = pycolmap.Database.open(str(file))
+    try:
+        for image in database.read_all_images():
+            camera = known[image.name]
+            model.add_camera_with_trivial_rig(to_pycolmap(camera.camera, image.camera_id))
+            made = pycolmap.Image(name=image.name, image_id=image.image_id, camera_id=image.camera_id)
+            pose = pycolmap.Rigid3d(np.c_[camera.rotation, camera.translation])
+            model.add_image_with_trivial_frame(made, pose)
+    finally:
+        database.close()
+    return model
