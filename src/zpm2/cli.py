@@ -1,4 +1,4 @@
-"""The command line: `zpm2 match`, `pose`, `cloud`, `eval`, `demo`, `doctor`, `weights`."""
+"""The command line: `zpm2 match`, `pose`, `cloud`, `reconstruct`, `eval`, `demo`, `doctor`, `weights`."""
 
 import json
 import sys
@@ -27,6 +27,7 @@ from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.eval_cli import evaluate
 from zpm2.methods import check_method, open_method
 from zpm2.pose_cli import pose
+from zpm2.reconstruct_cli import reconstruct
 from zpm2.weights_cli import app as weights_app
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ app.add_typer(weights_app, name="weights")
 app.command("eval")(evaluate)
 app.command("pose")(pose)
 app.command("cloud")(cloud)
+app.command("reconstruct")(reconstruct)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from zpm2.cloud.check import Agreement, cross_check
 from zpm2.cloud.lift import Lifted, lift
+from zpm2.cloud.neighbors import UNSEEN
 from zpm2.cloud.patch import Cutter, Patch, shares
 from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.result import CloudPatch, PolygonCloud, Rejected, Support
@@ -16,12 +16,13 @@ from zpm2.cloud.surface import Surface
 from zpm2.cloud.tracks import Link, Sighting, Track, chain
 from zpm2.cloud.workspace import View
 from zpm2.config import CloudConfig
-from zpm2.errors import Failed
+from zpm2.errors import Failed, InputError
 from zpm2.model import PosedCamera
 from zpm2.regions import Clock
 from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
+INSIDE = 0.9  # of a part's area lies in its whole
 PROBES = 20_000  # rays of each view that tell how much of what it sees is covered
 
 
@@ -44,8 +45,8 @@ def build(
 ) -> PolygonCloud:
     """The polygon cloud of matched pairs of views.
 
-    Every reason why a match gave no patch is in `rejected`. Warnings say what should be known about the mesh, and what
-    is wrong where no ray meets it. An empty cloud is a result, with warnings that say why.
+    Every reason why a match gave no patch is in `rejected`. Warnings say what should be known about the mesh. An empty
+    cloud is a result, with warnings that say why; `InputError` where no view sees the mesh.
     """
     clock = Clock(progress)
     cameras = [view.camera for view in views]
@@ -160,7 +161,7 @@ def _patches(
         )
     made = _merged(made, surface, cameras, config.same)
     made.sort(key=lambda p: -p.patch.area)  # parts come after their wholes
-    return _nested([replace(patch, id=k) for k, patch in enumerate(made)], surface), rejected
+    return _nested([replace(patch, id=k) for k, patch in enumerate(made)], surface, cameras), rejected
 
 
 def _merged(
@@ -169,23 +170,18 @@ def _merged(
     """Patches of different tracks that cover one another are one region that the matches did not join: the one that
     more views see stays, and takes the supports of the others. Two regions of one view stay two."""
     order = sorted(patches, key=lambda p: (-len(p.views), -p.scale, -p.patch.area))
-    covers = shares([p.patch for p in order], surface)
-    meeting = (covers @ covers.T).tocoo()
-    near: dict[int, list[int]] = {}
-    for a, b in zip(meeting.row.tolist(), meeting.col.tolist(), strict=True):
-        if a < b:
-            near.setdefault(a, []).append(b)
+    near = _meeting([p.patch for p in order], surface)
     gone: set[int] = set()
     kept = []
     for a, patch in enumerate(order):
         if a in gone:
             continue
-        own = _outline(patch, cameras[patch.view], surface)
+        own = patch.outline(cameras[patch.view], surface)
         for b in sorted(near.get(a, [])):
             other = order[b]
-            if b in gone or set(patch.views) & set(other.views):
+            if b < a or b in gone or set(patch.views) & set(other.views):
                 continue
-            there = _outline(other, cameras[patch.view], surface)
+            there = other.outline(cameras[patch.view], surface)
             both = own.intersection(there).area
             if both >= same * (own.area + there.area - both) and both > 0:
                 gone.add(b)
@@ -196,32 +192,34 @@ def _merged(
     return kept
 
 
-def _outline(patch: CloudPatch, camera: PosedCamera, surface: Surface) -> shapely.Geometry:
-    """A patch's boundary in a view, px; empty where a part is behind it."""
-    rings = [camera.project(ring.points + surface.origin) for ring in patch.rings]
-    if not all(np.isfinite(ring).all() for ring in rings):
-        return shapely.Polygon()
-    return shapely.buffer(shapely.Polygon(rings[0], rings[1:]), 0)
-
-
-def _nested(patches: list[CloudPatch], surface: Surface) -> list[CloudPatch]:
-    """Each patch with the smallest one that holds nine tenths of it as its parent. Patches come by descending area."""
-    areas = np.array([p.patch.area for p in patches])
-    covers = shares([p.patch for p in patches], surface)
-    covers.data = np.minimum(covers.data, 1.0)
-    # what two patches share, triangle by triangle: exact where triangles are covered whole
-    both = (covers @ covers.multiply(surface.areas).T.tocsr()).tocoo()
-    parent: dict[int, int] = {}
-    for a, b, shared in zip(both.row.tolist(), both.col.tolist(), both.data.tolist(), strict=True):
-        inside = a > b and shared >= 0.9 * areas[a] and areas[b] > 1.1 * areas[a]
-        if inside and b > parent.get(a, -1):
-            parent[a] = b
+def _nested(patches: list[CloudPatch], surface: Surface, cameras: Sequence[PosedCamera]) -> list[CloudPatch]:
+    """Each patch with the smallest one that holds nine tenths of it, as its view sees them. Patches come by descending
+    area."""
+    near = _meeting([p.patch for p in patches], surface)
     level: dict[int, int] = {}
     result = []
     for k, patch in enumerate(patches):
-        level[k] = level[parent[k]] + 1 if k in parent else 0
-        result.append(replace(patch, parent=parent.get(k), level=level[k]))
+        camera = cameras[patch.view]
+        own = patch.outline(camera, surface)
+        larger = sorted((j for j in near.get(k, []) if j < k), reverse=True)
+        parent = next(
+            (j for j in larger if own.intersection(patches[j].outline(camera, surface)).area >= INSIDE * own.area),
+            None,
+        )
+        level[k] = 0 if parent is None else level[parent] + 1
+        result.append(replace(patch, parent=parent, level=level[k]))
     return result
+
+
+def _meeting(patches: Sequence[Patch], surface: Surface) -> dict[int, list[int]]:
+    """By patch, those that have a triangle of the surface in common with it."""
+    covers = shares(patches, surface)
+    meeting = (covers @ covers.T).tocoo()
+    near: dict[int, list[int]] = {}
+    for a, b in zip(meeting.row.tolist(), meeting.col.tolist(), strict=True):
+        if a != b:
+            near.setdefault(a, []).append(b)
+    return near
 
 
 def _refused(support: Support, reason: str) -> Rejected:
@@ -244,11 +242,11 @@ class _Coverage:
             hits = caster.first_hits(origin, directions)
             self.hit.append(hits.face[hits.found])
             self.seen.append(float(hits.found.mean()))
+        if not any(self.seen):
+            raise InputError(UNSEEN)
 
     def warnings(self, names: Sequence[str]) -> list[str]:
-        """Views that hardly see the mesh: it may lie in another frame."""
-        if not any(self.seen):
-            return ["no view sees the mesh: mesh and cameras are not in the same coordinates, or not of the same scene"]
+        """Views that hardly see the mesh: their cameras may be wrong."""
         blind = [name for name, share in zip(names, self.seen, strict=True) if share < 0.01]
         return [f"{', '.join(blind)}: less than 1 % of the image meets the mesh"] if blind else []
 

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.cloud.lift import Lifted, outlines
+from zpm2.cloud.lift import Lifted, outline_in, outlines
 from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.surface import Surface
 from zpm2.config import CloudConfig
@@ -61,7 +61,7 @@ def cross_check(
         overlaps, sizes = [], []
         for side, own in enumerate(pair):
             if isinstance(own, Lifted):
-                there = _seen(own, views[1 - side], surface)
+                there = outline_in(own.rings, views[1 - side], surface)
                 overlaps.append(_overlap(there, polygons[k][1 - side].shape, own.scale**2))
                 sizes.append(_size(own) / own.scale)
         if overlaps:
@@ -76,14 +76,6 @@ def _distance(a: Array, b: Array) -> float | None:
     if len(a) == 0 or len(b) == 0:
         return None
     return float((np.median(cKDTree(a).query(b)[0]) + np.median(cKDTree(b).query(a)[0])) / 2)
-
-
-def _seen(lifted: Lifted, view: PosedCamera, surface: Surface) -> shapely.Geometry:
-    """A lifted polygon in the image of another view, px; empty where a part is behind it."""
-    rings = [view.project(ring.points + surface.origin) for ring in lifted.rings]
-    if not all(np.isfinite(ring).all() for ring in rings):
-        return shapely.Polygon()
-    return shapely.buffer(shapely.Polygon(rings[0], rings[1:]), 0)
 
 
 def _overlap(part: shapely.Geometry, whole: shapely.Geometry, share: float) -> float:

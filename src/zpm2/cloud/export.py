@@ -119,10 +119,10 @@ def write_points(cloud: PolygonCloud, path: Path, spacing: float) -> int:
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
     """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
     generator = np.random.default_rng(0)
-    parts: dict[int, list[Indices]] = {}  # by patch: triangles of the surface that its parts cover
+    parts: dict[int, list[CloudPatch]] = {}
     for polygon in cloud.patches:
         if polygon.parent is not None:
-            parts.setdefault(polygon.parent, []).append(polygon.patch.source)
+            parts.setdefault(polygon.parent, []).append(polygon)
     points, rgb, ids = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.int64)]
     for view in sorted({p.view for p in cloud.patches}):
         camera = cloud.views[view].camera
@@ -133,11 +133,13 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
             face = generator.choice(len(patch.faces), number, p=patch.areas / patch.area)
             weights = generator.dirichlet([1.0, 1.0, 1.0], number)
             on_patch = np.einsum("nk,nki->ni", weights, patch.vertices[patch.faces[face]])
-            if polygon.id in parts:  # what belongs to a part is the part's
-                on_patch = on_patch[~np.isin(patch.source[face], np.concatenate(parts[polygon.id]))]
             at = cloud.world(on_patch)
+            seen = np.nan_to_num(camera.project(at))
+            for part in parts.get(polygon.id, []):  # what belongs to a part is the part's
+                inside = shapely.contains_xy(part.outline(camera, cloud.surface), seen)
+                at, seen = at[~inside], seen[~inside]
             points.append(at)
-            column, row = np.nan_to_num(camera.project(at)).astype(np.int64).T
+            column, row = seen.astype(np.int64).T
             rgb.append(image.rgb[np.clip(row, 0, image.height - 1), np.clip(column, 0, image.width - 1)])
             ids.append(np.full(len(at), polygon.id))
     return np.concatenate(points), np.concatenate(rgb), np.concatenate(ids)

@@ -142,6 +142,14 @@ def _on_surface(
     return result
 
 
+def outline_in(rings: Sequence[Ring], view: PosedCamera, surface: Surface) -> shapely.Geometry:
+    """A boundary on a surface as a view sees it, px, whatever hides it; empty where a part is behind the view."""
+    seen = [view.project(ring.points + surface.origin) for ring in rings]
+    if not all(np.isfinite(ring).all() for ring in seen):
+        return shapely.Polygon()
+    return shapely.buffer(shapely.Polygon(seen[0], seen[1:]), 0)
+
+
 def outlines(
     shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, step: float
 ) -> list[Array]:

@@ -13,6 +13,7 @@ from zpm2.model import PosedCamera
 Array = NDArray[np.float64]
 PROBES = 1500  # rays of each view
 WIDEST = 60.0  # degrees between lines of sight, from which on regions do not look alike
+UNSEEN = "no view sees the mesh: give mesh and cameras of one scene, in the same coordinates"
 SAME = 1e-3  # of the distance: a point that a ray meets this near is seen
 
 
@@ -26,7 +27,7 @@ def neighbor_pairs(
     """
     probes = [_probes(camera, surface, caster) for camera in cameras]
     if not any(len(points) for points in probes):
-        raise InputError("no view sees the mesh: give mesh and cameras of one scene, in the same coordinates")
+        raise InputError(UNSEEN)
     n = len(cameras)
     score = np.zeros((n, n))
     for i, points in enumerate(probes):

@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zpm2._version import __version__
-from zpm2.cloud.lift import Ring
+from zpm2.cloud.lift import Ring, outline_in
 from zpm2.cloud.patch import Patch
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
-from zpm2.model import Camera, Polygon
+from zpm2.model import Camera, Polygon, PosedCamera
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
@@ -66,6 +67,10 @@ class CloudPatch:
     def length(self) -> float:
         """Of all its boundaries, units of the mesh."""
         return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
+
+    def outline(self, camera: PosedCamera, surface: Surface) -> shapely.Geometry:
+        """Its boundary as a camera sees it, px; empty where a part is behind the camera."""
+        return outline_in(self.rings, camera, surface)
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,14 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     """Write cloud.json, patches.ply, cloud.glb, boundaries.geojson, boundaries.wkt, points.ply (and points.las),
     cloud.png and cloud.html, each whole or not at all, cloud.json last. Returns what could not be made, and why.
 
-    spacing: of the points, units of the mesh; None for 200,000 points in all.
+    A cloud without polygons is a cloud.json alone. spacing: of the points, units of the mesh; None for 200,000 in all.
     """
     if las:
         export.require_laspy()
     out = output_folder(folder)
+    if not cloud.patches:
+        cloud.save_json(out)
+        return ["nothing but cloud.json was written: there is no polygon"]
     missing = []
     export.write_ply(cloud, out / "patches.ply")
     export.write_glb(cloud, out / "cloud.glb")

@@ -19,7 +19,7 @@ def existing(*candidates: Path) -> Path:
         if path.exists():
             return path
     looked = " and ".join(str(path) for path in candidates)
-    raise InputError(f"looked for {looked}, not there: complete the download, or give another root or split")
+    raise InputError(f"looked for {looked}, not there: check the path, or complete the download")
 
 
 def folders(folder: Path) -> list[Path]:

@@ -1,0 +1,68 @@
+"""`zpm2 reconstruct`: a workspace for `zpm2 cloud` from photographs."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zpm2.console import AsJson, Quiet, bars
+from zpm2.errors import ConfigError
+
+
+def reconstruct(
+    images: Annotated[list[Path], typer.Argument(help="A folder of photographs, or photographs.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The workspace; an interrupted run goes on there.")],
+    cameras: Annotated[
+        Path | None,
+        typer.Option(
+            help="Known cameras: COLMAP model, cameras.npz, folder of _cam.txt or .camera files. "
+            "[default: structure from motion]"
+        ),
+    ] = None,
+    max_size: Annotated[int, typer.Option(help="px, the longer side of the images that depth is computed on.")] = 1600,
+    neighbors: Annotated[int, typer.Option(help="Views that the depth of each view is computed from.")] = 3,
+    sequence: Annotated[
+        bool,
+        typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
+    ] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Reconstruct cameras and a surface from photographs, as a workspace for zpm2 cloud.
+
+    Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
+    pycolmap: pip install "zpm2[colmap,cloud]".
+    """
+    if max_size < 100:
+        raise ConfigError(f"--max-size {max_size}: give at least 100 px")
+    if neighbors < 1:
+        raise ConfigError(f"--neighbors {neighbors}: give at least 1")
+    from zpm2.cloud.workspace import read_views
+    from zpm2.io.images import read_image
+    from zpm2.io.inputs import photographs
+    from zpm2.reconstruct import Options
+    from zpm2.reconstruct import reconstruct as run
+
+    known = None
+    if cameras is not None:
+        if len(images) != 1 or not images[0].is_dir():
+            raise ConfigError("--cameras needs one folder of photographs")
+        views = read_views(images[0], images[0], cameras)
+        known = {view.path.name: view.camera for view in views}
+        paths = [view.path for view in views]
+    else:
+        paths = photographs(images[0]) if len(images) == 1 else images
+    for path in paths:
+        read_image(path)  # one line for what cannot be read, before anything is written
+    with bars(quiet or as_json) as (progress, _):
+        made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
+    for note in made.notes:
+        print(f"warning: {note}", file=sys.stderr)
+    if as_json:
+        kept = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
+        print(json.dumps(kept | {"warnings": list(made.notes), "out": str(out)}))
+    elif not quiet:
+        print(f"{made.registered} of {made.photographs} photographs oriented, {made.points} points on the surface")
+        print(f"Written: {out / 'mesh.ply'}, sparse/0, dense, images; next: zpm2 cloud {out} -o OUT")

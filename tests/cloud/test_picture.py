@@ -1,0 +1,86 @@
+"""The picture from three viewpoints, and the page in a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clouds import cloud_of, looking_down, squares
+from meshes import grid, sphere
+
+from zpm2.cloud import PolygonCloud
+from zpm2.cloud.export import DARKER, colors
+from zpm2.cloud.page import page
+from zpm2.cloud.picture import GAP, SIZE, three_views
+from zpm2.cloud.scene import clustered, scene
+from zpm2.errors import Failed
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--window-size=900,600", "--virtual-time-budget=20000"),
+)
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory: pytest.TempPathFactory) -> PolygonCloud:
+    cameras = [looking_down(-0.4, 0.1, 2.5), looking_down(0.4, -0.1, 2.5)]
+    return cloud_of(grid(12, seed=1), squares(), cameras, tmp_path_factory.mktemp("cloud"))
+
+
+def test_three_views_show_every_polygon_and_its_boundary(cloud: PolygonCloud) -> None:
+    pytest.importorskip("embreex")
+    picture = three_views(scene(cloud))
+    assert not isinstance(picture, Failed)
+    assert picture.shape == (SIZE[1], 3 * SIZE[0] + 2 * GAP, 3)
+    middle = picture[:, SIZE[0] + GAP : 2 * SIZE[0] + GAP].astype(float)
+    for rgb in colors(cloud).astype(float):
+        light = middle @ rgb / (rgb @ rgb)  # the same colour at some brightness
+        like = np.abs(middle - light[..., None] * rgb).max(2) < 6
+        assert (like & (light > 0.5) & (light < 1.05)).sum() > 300
+        assert (like & (np.abs(light - DARKER) < 0.06)).sum() > 20
+    # nothing is cut off
+    for edge in (middle[0], middle[-1], middle[:, 0], middle[:, -1]):
+        assert (edge.min(1) > 150).all()
+
+
+def test_without_embree_there_is_no_picture_but_a_reason(cloud: PolygonCloud, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zpm2.cloud.rays.find_spec", lambda name: None)
+    picture = three_views(scene(cloud))
+    assert isinstance(picture, Failed)
+    assert "pip install" in picture.reason
+
+
+def test_fewer_triangles_of_the_same_shape() -> None:
+    ball = sphere(5)
+    vertices, faces = clustered(ball.vertices, ball.faces, 3000)
+    assert 500 < len(faces) < 6000 < len(ball.faces)
+    assert np.linalg.norm(vertices + ball.origin, axis=1) == pytest.approx(1, abs=0.02)
+    assert clustered(ball.vertices, ball.faces, 10**6)[1] is ball.faces
+
+
+def test_the_page_needs_nothing_else(cloud: PolygonCloud) -> None:
+    text = page(cloud)
+    assert not re.findall(r"(?:src|href)=|https?://|@import|fetch\(", text)
+    data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1])
+    assert len(data["polygons"]) == 9
+    assert "9 polygons from 9 matches in 2 views" in data["about"]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_the_page_in_a_browser(cloud: PolygonCloud, tmp_path: Path) -> None:
+    """It draws, and pointing at the middle names the polygon there; beside all polygons it names none."""
+    file = tmp_path / "cloud.html"
+    file.write_text(page(cloud), encoding="utf-8")
+    middle = np.argmin([np.linalg.norm(p.patch.centroid[:2]) for p in cloud.patches])
+    for place, expected in (("0.5,0.5", int(middle)), ("0.02,0.5", -1)):
+        words = [str(CHROMIUM), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+        done = subprocess.run([*words, f"{file.as_uri()}#pick={place}"], capture_output=True, timeout=120, check=True)
+        dom = done.stdout.decode()
+        assert 'data-ready="yes"' in dom, done.stderr.decode()[-2000:]
+        assert f'data-picked="{expected}"' in dom
+        assert (f"Polygon {expected}" in dom) == (expected >= 0)

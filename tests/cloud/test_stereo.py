@@ -1,0 +1,111 @@
+"""Surfaces from rectified pairs, against exact ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rendered import Pair
+
+from zpm2.cloud.stereo import Rig, disparity_mesh, disparity_range, read_calibration, rig_of, semi_global
+from zpm2.errors import Failed, InputError
+from zpm2.io.images import read_image
+from zpm2.model import Camera
+
+K = np.array([[300.0, 0, 200], [0, 300, 120], [0, 0, 1]])
+
+
+def rig(doffs: float = 0.0, size: tuple[int, int] = (400, 240)) -> Rig:
+    right = K.copy()
+    right[0, 2] += doffs
+    return rig_of(Camera(K, size), Camera(right, size), 0.2)
+
+
+@pytest.mark.parametrize("doffs", [0.0, 12.5])
+def test_a_plane_is_one(doffs: float) -> None:
+    """n X = 1 in space is linear in disparity."""
+    x, y = np.meshgrid(np.arange(400) + 0.5, np.arange(240) + 0.5)
+    n = np.array([0.05, -0.1, 0.3])
+    inverse = n[0] * (x - 200) / 300 + n[1] * (y - 120) / 300 + n[2]  # 1 / Z
+    surface = disparity_mesh((300 * 0.2 * inverse - doffs).astype(np.float32), rig(doffs))
+    assert len(surface.faces) == 2 * 399 * 239
+    assert (surface.vertices + surface.origin) @ n == pytest.approx(1, abs=1e-4)
+
+
+def test_it_is_torn_where_depth_jumps_and_open_where_nothing_is_known() -> None:
+    disparity = np.full((40, 60), 10.0, np.float32)
+    disparity[:, 30:] = 14.0
+    disparity[10:20, 5:15] = np.nan
+    surface = disparity_mesh(disparity, rig(size=(60, 40)))
+    depth = surface.corners[..., 2] + surface.origin[2]
+    assert np.ptp(depth, axis=1).max() < 1e-9  # no triangle leads from one depth to the other
+    assert len(surface.faces) == 2 * 39 * (29 + 29) - 2 * 11 * 11 + 4  # and half of each corner of the hole
+
+
+def test_large_maps_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zpm2.cloud.stereo.MAX_FACES", 1000)
+    surface = disparity_mesh(np.full((120, 120), 10.0, np.float32), rig(size=(120, 120)))
+    assert 500 < len(surface.faces) <= 1000
+
+
+def test_nothing_known_is_refused() -> None:
+    with pytest.raises(InputError, match="no surface"):
+        disparity_mesh(np.full((40, 60), np.nan, np.float32), rig(size=(60, 40)))
+
+
+def test_semi_global_matching_of_the_rendered_pair(pair: Pair) -> None:
+    truth = pair.scene.disparity
+    low, high = int(truth.min()) - 4, int(truth.max()) + 4
+    found = semi_global(read_image(pair.left), read_image(pair.right), low, high)
+    known = np.isfinite(found)
+    error = np.abs(found - truth)[known]
+    assert known.mean() > 0.6
+    assert np.median(error) < 0.25
+    assert (error > 2).mean() < 0.05
+    # what the right image does not show is not invented
+    assert known[pair.scene.occluded].mean() < 0.5 * known[~pair.scene.occluded].mean()
+
+
+def test_negative_disparities_are_found_too(pair: Pair) -> None:
+    """The right image moved by 100 px, as principal points that differ do."""
+    left, right = read_image(pair.left), read_image(pair.right)
+    moved = np.zeros_like(right.rgb)
+    moved[:, 100:] = right.rgb[:, :-100]
+    truth = pair.scene.disparity - 100
+    found = semi_global(left, read_image(moved), int(truth.min()) - 4, int(truth.max()) + 4)
+    inside = np.isfinite(found) & (np.arange(400) < 290)
+    assert inside.mean() > 0.3
+    assert np.median(np.abs(found - truth)[inside]) < 0.25
+
+
+def test_where_to_look() -> None:
+    low, high = disparity_range(np.linspace(10, 50, 100), 400)
+    assert low <= 2
+    assert high >= 58
+    assert isinstance(disparity_range(np.ones(3), 400), Failed)
+    assert "no rectified pair" in str(disparity_range(np.linspace(-300, 300, 100), 400))
+
+
+def test_calibration_of_middlebury(tmp_path: Path) -> None:
+    file = tmp_path / "calib.txt"
+    file.write_text(
+        "cam0=[999.4 0 294.2; 0 999.4 252.9; 0 0 1]\ncam1=[999.4 0 327.0; 0 999.4 252.9; 0 0 1]\n"
+        "doffs=32.8\nbaseline=193.001\nwidth=741\nheight=497\nndisp=70\n"
+    )
+    found = read_calibration(file)
+    assert found.offset == pytest.approx(32.8)
+    assert found.left.matrix[0, 2] == pytest.approx(294.7)
+    assert found.depth(20.0) == pytest.approx(999.4 * 193.001 / 52.8)
+    assert np.isnan(found.depth(-40.0))
+    file.write_text("cam0=[1 2; 3 4]\nbaseline=1\n")
+    with pytest.raises(InputError, match=r"no calib\.txt"):
+        read_calibration(file)
+
+
+def test_pairs_that_are_not_rectified_are_refused() -> None:
+    other = K.copy()
+    other[1, 2] += 40
+    with pytest.raises(InputError, match="one cy"):
+        rig_of(Camera(K, (400, 240)), Camera(other, (400, 240)), 1.0)
+    bent = Camera(K, (400, 240), np.array([0.1, 0, 0, 0]))
+    with pytest.raises(InputError, match="distortion"):
+        rig_of(bent, bent, 1.0)

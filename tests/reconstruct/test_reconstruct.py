@@ -1,0 +1,138 @@
+"""Photographs in, a workspace out, against a scene that is known exactly."""
+
+from pathlib import Path
+
+import boards
+import numpy as np
+import pytest
+from rendered import Run
+
+from zpm2.cloud import Surface, open_caster, read_views
+from zpm2.cloud.stereo import semi_global
+from zpm2.errors import Failed, InputError
+from zpm2.model import Image, PosedCamera
+from zpm2.reconstruct import Options, reconstruct
+from zpm2.reconstruct.depth import agreed
+from zpm2.reconstruct.rectified import rectify_views
+
+pytest.importorskip("pycolmap")
+
+
+def points() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return np.c_[rng.uniform(-1.5, 1.5, (200, 2)), rng.uniform(2.9, 4.1, 200)]
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_rows_of_rectified_views_are_epipolar_lines(reverse: bool) -> None:
+    a, b = boards.cameras()[0:3:2]
+    a, b = (b, a) if reverse else (a, b)
+    pair = rectify_views(a, b, points())
+    assert not isinstance(pair, Failed)
+    left, right = pair.images(Image(boards.seen(a)[0]), Image(boards.seen(b)[0]))
+    assert left.rgb.shape == right.rgb.shape
+    disparity = semi_global(left, right, *pair.search)
+    depth, truth = pair.depth(disparity), boards.seen(a)[1]
+    known = np.isfinite(depth)
+    assert known.mean() > 0.5
+    error = np.abs(depth - truth)[known] / truth[known]
+    assert np.median(error) < 0.004
+    assert (error > 0.05).mean() < 0.05
+
+
+def test_views_that_cannot_be_rectified_say_why() -> None:
+    a = boards.cameras()[1]
+    forward = PosedCamera(boards.CAMERA, a.rotation, a.translation - [0, 0, 1.0])
+    assert "along their axis" in str(rectify_views(a, forward, points()))
+    assert isinstance(rectify_views(a, a, points()), Failed)
+    turned = PosedCamera(boards.CAMERA, np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]), a.translation)
+    assert isinstance(rectify_views(a, turned, points()), Failed)
+
+
+def test_depths_that_agree() -> None:
+    maps = np.array(
+        [[[1.0, 1.0, 5.0, np.nan]], [[1.001, 2.0, np.nan, np.nan]], [[3.0, 2.01, np.nan, np.nan]]], np.float32
+    )
+    two = agreed(maps, 2)
+    assert two[0, :2] == pytest.approx([1.0005, 2.005])
+    assert np.isnan(two[0, 2:]).all()
+    assert agreed(maps, 1)[0, 2] == 5.0
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reconstruct")
+    paths = boards.write(folder / "photographs")
+    known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
+    made = reconstruct(paths, folder / "ws", Options(poisson_depth=8), known)
+    assert made.registered == 4
+    assert made.notes == ()
+    return folder / "ws"
+
+
+def test_known_cameras_stay_and_the_surface_is_where_it_was(workspace: Path) -> None:
+    views = read_views(workspace)
+    for view, camera in zip(views, boards.cameras(), strict=True):
+        assert view.camera.center == pytest.approx(camera.center, abs=1e-6)
+    surface = Surface.read(workspace / "mesh.ply")
+    x, y = np.meshgrid(np.arange(20, 460, 5) + 0.5, np.arange(20, 340, 5) + 0.5)
+    directions = views[1].camera.directions(np.c_[x.ravel(), y.ravel()])
+    origin = np.broadcast_to(views[1].camera.center - surface.origin, directions.shape)
+    hits = open_caster(surface).first_hits(origin, directions)
+    truth = boards.seen(boards.cameras()[1])[1][20:340:5, 20:460:5].ravel()
+    depth = (hits.point - origin) @ views[1].camera.rotation[2]
+    assert hits.found.mean() > 0.6
+    error = np.abs(depth - truth)[hits.found] / truth[hits.found]
+    assert np.median(error) < 0.005
+
+
+def test_a_second_run_does_nothing_again(workspace: Path) -> None:
+    times = {path: path.stat().st_mtime_ns for path in workspace.rglob("*") if path.is_file()}
+    paths = sorted((workspace.parent / "photographs").iterdir())
+    known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
+    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    assert {path: path.stat().st_mtime_ns for path in workspace.rglob("*") if path.is_file()} == times
+    (workspace / "mesh.ply").unlink()  # as if it had been interrupted
+    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    assert (workspace / "mesh.ply").is_file()
+
+
+def test_another_reconstruction_is_not_mixed_in(workspace: Path) -> None:
+    paths = sorted((workspace.parent / "photographs").iterdir())
+    with pytest.raises(InputError, match="other photographs"):
+        reconstruct(paths[:3], workspace, Options(poisson_depth=8), {})
+
+
+def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path) -> None:
+    boards.write(tmp_path / "photographs", 5)
+    code, out, err = run("reconstruct", tmp_path / "photographs", "-o", tmp_path / "ws", "--max-size", "480")
+    assert code == 0, err
+    assert "5 of 5 photographs oriented" in out
+    views = read_views(tmp_path / "ws")
+    centers = np.array([view.camera.center for view in views])
+    truth = np.array([camera.center for camera in boards.cameras(5)])
+    steps, expected = (np.linalg.norm(np.diff(c, axis=0), axis=1) for c in (centers, truth))
+    assert steps / steps.sum() == pytest.approx(expected / expected.sum(), abs=0.03)
+    assert (tmp_path / "ws" / "mesh.ply").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["nowhere"], "not there"),
+        (["one", "--max-size", "5"], "at least 100 px"),
+        (["one", "--neighbors", "0"], "at least 1"),
+        (["one"], "1 photographs"),
+        (["one", "--cameras", "none.npz"], "check the path"),
+    ],
+)
+def test_one_line_for_what_cannot_be_used(
+    words: list[str], why: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    boards.write(tmp_path / "one", 1)
+    code, _, err = run("reconstruct", *words, "-o", "ws")
+    assert code == 2
+    assert why in err
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "ws").exists()
