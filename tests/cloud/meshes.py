@@ -13,8 +13,8 @@ def grid(n: int = 12, size: float = 2.0, height: Array | None = None, seed: int 
     x, y = np.meshgrid(np.linspace(-size / 2, size / 2, n + 1), np.linspace(-size / 2, size / 2, n + 1))
     if seed is not None:
         rng = np.random.default_rng(seed)
-        x[1:-1, 1:-1] += rng.uniform(-0.3, 0.3, (n - 1, n - 1)) * size / n
-        y[1:-1, 1:-1] += rng.uniform(-0.3, 0.3, (n - 1, n - 1)) * size / n
+        x[1:-1, 1:-1] += rng.uniform(-0.2, 0.2, (n - 1, n - 1)) * size / n
+        y[1:-1, 1:-1] += rng.uniform(-0.2, 0.2, (n - 1, n - 1)) * size / n
     z = np.zeros_like(x) if height is None else height
     at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))

@@ -169,7 +169,7 @@ def test_regions_of_another_evaluation(run: Run, root: Path, pair: Pair, tmp_pat
     ("words", "message"),
     [
         (["pairz"], "did you mean 'pairs'"),
-        (["kitti2015"], "/training, not there: complete the download"),
+        (["kitti2015"], "/training, not there: check the path"),
         (["pairs", "--method", "sift"], "methods are: zpm2, shape-context, idsc"),
         (["pairs", "--limit", "0"], "Invalid value for '--limit'"),
     ],

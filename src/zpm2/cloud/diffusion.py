@@ -114,9 +114,10 @@ def _without(shape: shapely.Polygon, bad: NDArray[np.int64], low: Array, step: f
 
 
 def _rounded(shape: shapely.Polygon, gone: shapely.Geometry, step: float) -> shapely.Polygon:
-    """A polygon without something, thin bays and capes too: the largest piece."""
+    """The largest piece of a polygon without something, and without what is thin beside that."""
     left = shapely.difference(shape, gone)
-    left = shapely.buffer(shapely.buffer(left, -step * ROUND), step * ROUND)  # what is thinner goes
-    part = largest(shapely.simplify(shapely.intersection(left, shape), step / 4))
+    wide = shapely.buffer(shapely.buffer(left, -step * ROUND), step * ROUND)
+    thin = shapely.intersection(shapely.difference(left, wide), shapely.buffer(gone, 4 * step * ROUND))
+    part = largest(shapely.simplify(shapely.difference(left, thin), step / 4))
     holes = [hole for hole in part.interiors if shapely.Polygon(hole).area >= SMALL * shape.area]
     return shapely.Polygon(part.exterior, holes)

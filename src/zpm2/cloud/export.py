@@ -32,9 +32,8 @@ def colors(cloud: PolygonCloud) -> Colors:
     return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)
 
 
-def tubes(cloud: PolygonCloud, rings: Sequence[Array]) -> tuple[Array, Indices]:
-    """Vertices and triangles of tubes around closed lines (k, 3) each, in the surface's coordinates."""
-    radius = TUBE * seen_extent(cloud)
+def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
+    """Vertices and triangles of tubes around closed lines (k, 3) each, in their coordinates."""
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     turn = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     for line in rings:
@@ -61,12 +60,6 @@ def tubes(cloud: PolygonCloud, rings: Sequence[Array]) -> tuple[Array, Indices]:
         faces.append(quads + count)
         count += n * SIDES
     return np.concatenate(points), np.concatenate(faces)
-
-
-def seen_extent(cloud: PolygonCloud) -> float:
-    """Diagonal of the box around all patches, units of the mesh."""
-    points = [patch.patch.vertices for patch in cloud.patches]
-    return float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) if points else cloud.surface.extent
 
 
 def write_ply(cloud: PolygonCloud, path: Path) -> Path:
@@ -152,11 +145,13 @@ def write_glb(cloud: PolygonCloud, path: Path) -> Path:
     """
     trimesh = require_trimesh()
     scene = trimesh.Scene(metadata={"origin": cloud.surface.origin.tolist(), "schema": "zpm2-cloud/1"})
+    low, high = cloud.box
+    radius = TUBE * float(np.linalg.norm(high - low))
     for polygon, rgb in zip(cloud.patches, colors(cloud), strict=True):
         mesh = _coloured(trimesh, polygon.patch.vertices, polygon.patch.faces, rgb)
         mesh.metadata = attributes(polygon)
         scene.add_geometry(mesh, node_name=f"polygon {polygon.id}", geom_name=f"polygon {polygon.id}")
-        tube = tubes(cloud, [ring.points for ring in polygon.rings])
+        tube = tubes([ring.points for ring in polygon.rings], radius)
         if len(tube[1]):
             line = _coloured(trimesh, *tube, (rgb * DARKER).astype(np.uint8))
             scene.add_geometry(line, node_name=f"boundary {polygon.id}", geom_name=f"boundary {polygon.id}")

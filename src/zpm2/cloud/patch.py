@@ -20,6 +20,7 @@ from zpm2.model import PosedCamera
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 SAME = 1e-6  # px: corners of cut triangles that are nearer to a known point are that point
+FEW = 40  # corners of a polygon, or triangles, that are not worth halving
 THIN = 1e-10  # px^2: triangles that the camera sees from the side cannot be cut in the image
 
 
@@ -91,7 +92,7 @@ class Patch:
         """Root mean square distance to the plane that fits best, units of the mesh."""
         return float(np.sqrt(self._spread[0]))
 
-    @property
+    @cached_property
     def curvature(self) -> float:
         """Mean of the mean curvature (k1 + k2) / 2, per unit of the mesh, positive where the surface bulges towards the
         camera: half the sum of length times bend over inner edges (Steiner), by area. 1 / r on a sphere."""
@@ -180,7 +181,9 @@ class Cutter:
         across = np.diff(seen, axis=1)
         big = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0]) > THIN
         border, seen = border[big], seen[big]
-        inside = shapely.intersection(shapely.polygons(seen), shape)
+        if len(border) == 0:
+            return np.zeros((0, 3), np.int64), border, np.zeros((0, 3))
+        inside = _inside(shape, seen)
         parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(inside), return_index=True)
         corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
         source = border[of]
@@ -199,6 +202,36 @@ class Cutter:
         normal = self.surface.normals[face]
         along = np.einsum("ni,ni->n", self.surface.corners[face, 0] - self._center, normal)
         return np.asarray(self._center + direction * (along / np.einsum("ni,ni->n", direction, normal))[:, None])
+
+
+def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
+    """(k,) what of each of (k, 3, 2) triangles lies in a polygon.
+
+    A boundary has thousands of corners and each triangle meets a few of them, so the polygon is halved, again and
+    again, and each triangle is cut with the smallest piece that holds all of it.
+    """
+    shapes, low, high = shapely.polygons(triangles), triangles.min(1), triangles.max(1)
+    result = np.empty(len(triangles), object)
+
+    def cut(piece: shapely.Geometry, rows: Indices) -> None:
+        x0, y0, x1, y1 = shapely.bounds(piece)
+        axis = int(y1 - y0 > x1 - x0)
+        middle = float(np.median((low[rows, axis] + high[rows, axis]) / 2)) if len(rows) else 0.0
+        first, second = rows[high[rows, axis] < middle], rows[low[rows, axis] > middle]
+        if len(rows) <= FEW or shapely.get_num_coordinates(piece) <= FEW or not len(first) or not len(second):
+            result[rows] = shapely.intersection(shapes[rows], piece)
+            return
+        across = np.setdiff1d(rows, np.r_[first, second])
+        result[across] = shapely.intersection(shapes[across], piece)
+        halves = (
+            ((x0, y0, middle, y1), (middle, y0, x1, y1)) if axis == 0 else ((x0, y0, x1, middle), (x0, middle, x1, y1))
+        )
+        for box, part in zip(halves, (first, second), strict=True):
+            parts = shapely.get_parts(shapely.get_parts(shapely.intersection(piece, shapely.box(*box))))
+            cut(shapely.multipolygons([p for p in parts if p.geom_type == "Polygon"]), part)
+
+    cut(shape, np.arange(len(triangles)))
+    return result
 
 
 def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> Patch:

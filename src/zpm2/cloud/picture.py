@@ -56,8 +56,9 @@ def _view(scene: Scene, angle: float) -> PosedCamera:
     rotation = np.stack([right, np.cross(back, right), back])
     width, height = SIZE[0] * FINER, SIZE[1] * FINER
     focal = 0.5 * height / np.tan(np.radians(OPENING / 2))
-    patches = np.unique(scene.faces[scene.ids != SURFACE])
-    shown = scene.vertices[patches] if len(patches) else scene.vertices
+    patches = scene.vertices[np.unique(scene.faces[scene.ids != SURFACE])]
+    shown = patches[((patches >= scene.box[0]) & (patches <= scene.box[1])).all(1)]
+    shown = shown if len(shown) else scene.vertices
     x, y, z = rotation @ (shown - scene.center).T
     # the middle of what is seen, and as near as everything fits
     x0, y0 = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from zpm2.model import Camera, Polygon, PosedCamera
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
+OUTER = 0.01  # of the px of all patches, at each end of each axis
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,25 @@ class PolygonCloud:
     def accepted(self) -> int:
         """Matches that stand behind a patch."""
         return sum(len(patch.supports) for patch in self.patches)
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """(3,) each: the box around most of what the photographs show on patches, in the surface's coordinates.
+
+        Every patch counts by its px, and of each axis the outermost hundredths do not count: far things behind a scene
+        are small in its photographs. The mesh's box where there are no patches.
+        """
+        if not self.patches:
+            return self.surface.vertices.min(0), self.surface.vertices.max(0)
+        middles = np.concatenate([p.patch.vertices[p.patch.faces].mean(1) for p in self.patches])
+        weights = np.concatenate([p.patch.areas / p.patch.area * p.scale**2 * p.polygon.area for p in self.patches])
+        low, high = np.empty(3), np.empty(3)
+        for k in range(3):
+            order = np.argsort(middles[:, k])
+            share = np.cumsum(weights[order]) / weights.sum()
+            low[k], high[k] = middles[order, k][np.searchsorted(share, [OUTER, 1 - OUTER])]
+        margin = 0.05 * np.linalg.norm(high - low)
+        return low - margin, high + margin
 
     def world(self, points: Array) -> Array:
         """(n, 3) points of the surface in the coordinates of the cameras and of the mesh's file."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.cloud.export import DARKER, colors, seen_extent, tubes
+from zpm2.cloud.export import DARKER, TUBE, colors, tubes
 from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.result import PolygonCloud
 from zpm2.cloud.surface import Surface
@@ -33,18 +33,25 @@ class Scene:
     ids: Indices  # (m,) the patch of each, `SURFACE` for none
     colors: Colors  # (m, 3)
     tube: NDArray[np.bool_]  # (m,) whether it is part of a boundary
-    center: Array  # (3,) middle of the patches' box
-    extent: float  # its diagonal
+    box: tuple[Array, Array]  # (3,) each, least and greatest coordinates of most of what the photographs show
     up: Array  # (3,) unit
     towards: Array  # (3,) unit, from the centre to where the views were
+
+    @property
+    def center(self) -> Array:
+        """(3,) of the box."""
+        return np.asarray((self.box[0] + self.box[1]) / 2)
+
+    @property
+    def extent(self) -> float:
+        """Diagonal of the box."""
+        return float(np.linalg.norm(self.box[1] - self.box[0]))
 
 
 def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
     """The scene of a cloud; surface and patches with at most about `most` triangles each, if given."""
-    extent = seen_extent(cloud)
-    points = [patch.patch.vertices for patch in cloud.patches] or [cloud.surface.vertices]
-    every = np.concatenate(points)
-    center = (every.min(0) + every.max(0)) / 2
+    low, high = cloud.box
+    center, extent = (low + high) / 2, float(np.linalg.norm(high - low))
     parts = [(*_surface(cloud.surface, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
     total = sum(len(patch.patch.faces) for patch in cloud.patches)
     for polygon, rgb, layer in zip(cloud.patches, colors(cloud), _layers(cloud), strict=True):
@@ -55,7 +62,7 @@ def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
         if most is not None and total > most:
             floating, faces = clustered(floating, faces, max(20, most * len(faces) // total))
         parts.append((floating, faces, polygon.id, rgb, False))
-        line = tubes(cloud, [ring.points + lift * polygon.patch.normal for ring in polygon.rings])
+        line = tubes([ring.points + lift * patch.normal for ring in polygon.rings], TUBE * extent)
         parts.append((*line, polygon.id, (rgb * DARKER).astype(np.uint8), True))
     start = np.cumsum([0, *(len(v) for v, *_ in parts)])
     count = [len(f) for _, f, *_ in parts]
@@ -66,8 +73,7 @@ def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
         ids=np.repeat([i for _, _, i, *_ in parts], count),
         colors=np.repeat(np.array([c for _, _, _, c, _ in parts]), count, axis=0),
         tube=np.repeat([t for *_, t in parts], count),
-        center=center,
-        extent=extent,
+        box=(low, high),
         up=_unit(-np.sum([view.camera.rotation[1] for view in cloud.views], axis=0)),
         towards=_unit(towards),
     )

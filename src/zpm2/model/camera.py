@@ -48,6 +48,8 @@ class Camera:
         """(n, 2) x / z, y / z -> (n, 2) image px, distorted."""
         if len(rays) == 0:
             return np.zeros((0, 2))
+        if not self.distortion.any():
+            return np.asarray(rays @ self.matrix[:2, :2].T + self.matrix[:2, 2])
         space = np.c_[rays, np.ones(len(rays))]
         bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(bent[:, 0], np.float64)
