@@ -214,6 +214,9 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
     result = np.empty(len(triangles), object)
 
     def cut(piece: shapely.Geometry, rows: Indices) -> None:
+        if piece.is_empty:
+            result[rows] = piece
+            return
         x0, y0, x1, y1 = shapely.bounds(piece)
         axis = int(y1 - y0 > x1 - x0)
         middle = float(np.median((low[rows, axis] + high[rows, axis]) / 2)) if len(rows) else 0.0
@@ -228,7 +231,7 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
         )
         for box, part in zip(halves, (first, second), strict=True):
             parts = shapely.get_parts(shapely.get_parts(shapely.intersection(piece, shapely.box(*box))))
-            cut(shapely.multipolygons([p for p in parts if p.geom_type == "Polygon"]), part)
+            cut(shapely.MultiPolygon([p for p in parts if p.geom_type == "Polygon"]), part)
 
     cut(shape, np.arange(len(triangles)))
     return result
