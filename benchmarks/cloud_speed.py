@@ -3,9 +3,9 @@
     python benchmarks/cloud_speed.py [--faces 100000 1000000 5000000]
 
 A rolling terrain seen from above. Rays are cast through 300,000 places of the view; 2,000 walks join places some 150 px
-apart in a view of 4000 px, as the sides of polygons do; 1,000 polygons of some 100 px are lifted. Seconds to read
-neighbours, to build the tree, rays and crossings a second, seconds for the polygons. Prints JSON (schema
-zpm2-bench-cloud/1).
+apart in a view of 4000 px, as the sides of polygons do; 1,000 polygons of some 100 px are lifted, and cut out of the
+mesh. Seconds to read neighbours, to build the tree, rays and crossings a second, seconds for the polygons. Prints JSON
+(schema zpm2-bench-cloud/1).
 """
 
 import argparse
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from match_pairs import environment
 
-from zpm2.cloud import Lifted, Surface, lift, open_caster, walk
+from zpm2.cloud import Cutter, Lifted, Patch, Surface, lift, open_caster, walk
 from zpm2.model import Camera, Polygon, PosedCamera
 
 RAYS, WALKS, EYE = 300_000, 2_000, np.array([0.0, 0.0, 3.0])
@@ -68,9 +68,15 @@ def measured(faces: int) -> dict[str, Any]:
     lifts = lift(polygons(rng), VIEW, surface, caster)
     lifted = [found for found in lifts if isinstance(found, Lifted)]
     took = time.perf_counter() - start
+    start = time.perf_counter()
+    cutter = Cutter(surface, VIEW)
+    patches = [cutter.cut(found) for found in lifted]
+    cut = time.perf_counter() - start
     segments = sum(len(ring.points) for found in lifted for ring in found.rings)
     return {
         "polygons_s": round(took, 2),
+        "cut_s": round(cut, 2),
+        "patches": sum(isinstance(patch, Patch) for patch in patches),
         "polygons_lifted": len(lifted) / len(lifts),
         "segments_on_surface": round(1 - sum(found.bridged for found in lifted) / segments, 5),
         "faces": len(surface.faces),

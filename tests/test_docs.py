@@ -6,6 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
+import boards
 import numpy as np
 import PIL.Image
 import pytest
@@ -43,6 +44,7 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
+    boards.write(tmp_path / "photos", 4)
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -60,10 +62,12 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 @pytest.mark.parametrize("command", commands())
 def test_command(command: str, run: Run, workplace: Path) -> None:
     words = shlex.split(command, comments=True)[1:]
-    if words[0] in ("match", "eval", "pose"):
+    if words[0] in ("match", "eval", "pose", "cloud"):
         words += QUICK
     elif "--accept-licence" in words:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
+    if words[:2] == ["cloud", "ws"]:
+        assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:

@@ -17,7 +17,7 @@ from zpm2.cloud.surface import Surface
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-ABOVE = 3e-4  # of the extent: between the surface, a patch, and a part of it
+ABOVE = 8e-4  # of the extent: between the surface, a patch, and a part of it
 OVER = 0.02  # of a patch's area: less in common with another does not count
 AROUND = 0.75  # of the extent: what is farther from the middle is not shown
 PALE = (206, 206, 206)
