@@ -11,7 +11,7 @@ from test_lift import CONCAVE, HOLE, SQUARE, above
 from zpm2.cloud import Cutter, Patch, Surface, lift
 from zpm2.cloud.lift import Lifted
 from zpm2.cloud.rays import EveryTriangle
-from zpm2.model import Polygon, PosedCamera
+from zpm2.model import Camera, Polygon, PosedCamera
 
 
 def cut(surface: Surface, polygon: Polygon, view: PosedCamera) -> tuple[Lifted, Patch]:
@@ -120,6 +120,22 @@ def test_inside_one_triangle() -> None:
     found, patch = cut(surface, Polygon(0, SQUARE), above(2.0))
     check_bounded_by(patch, found)
     assert patch.area == pytest.approx(Polygon(0, SQUARE).area * (2.0 / 500) ** 2, rel=1e-5)
+
+
+def test_a_camera_with_distortion() -> None:
+    """The polygon is straight in a bent image; its patch is bounded by its boundary all the same."""
+    view = above(2.0)
+    bent = PosedCamera(
+        Camera(view.camera.matrix, view.camera.size, np.array([-0.2, 0.05, 0.001, -0.001])),
+        view.rotation,
+        view.translation,
+    )
+    found, patch = cut(grid(16, size=3.0, seed=3), Polygon(0, SQUARE), bent)
+    check_bounded_by(patch, found)
+    dense = np.concatenate(
+        [a + (b - a) * np.linspace(0, 1, 500)[:, None] for a, b in zip(SQUARE, np.roll(SQUARE, -1, 0), strict=True)]
+    )
+    assert patch.area == pytest.approx(shapely.Polygon(bent.camera.rays(dense) * 2.0).area, rel=1e-4)
 
 
 def test_a_flipped_mesh_gives_the_same() -> None:

@@ -8,22 +8,21 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.check import Agreement, cross_check
 from zpm2.cloud.lift import Lifted, lift
-from zpm2.cloud.neighbors import UNSEEN
 from zpm2.cloud.patch import Cutter, Patch, shares
 from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.result import CloudPatch, PolygonCloud, Rejected, Support
+from zpm2.cloud.seen import Seen
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.tracks import Link, Sighting, Track, chain
 from zpm2.cloud.workspace import View
 from zpm2.config import CloudConfig
-from zpm2.errors import Failed, InputError
+from zpm2.errors import Failed
 from zpm2.model import PosedCamera
 from zpm2.regions import Clock
 from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
 INSIDE = 0.9  # of a part's area lies in its whole
-PROBES = 20_000  # rays of each view that tell how much of what it sees is covered
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +49,9 @@ def build(
     """
     clock = Clock(progress)
     cameras = [view.camera for view in views]
-    covered = _Coverage(surface, caster, cameras)
+    seen = Seen(surface, caster, cameras)
     warnings = [f"mesh: {note}" for note in surface.notes] + ([caster.note] if caster.note else [])
-    warnings += covered.warnings([view.name for view in views])
+    warnings += seen.warnings([view.name for view in views])
     rejected: list[Rejected] = []
     found: dict[Link, tuple[Support, dict[Sighting, Lifted]]] = {}
     with clock("lift"):
@@ -67,9 +66,8 @@ def build(
     if contradicted:
         warnings.append(f"{contradicted} matches contradict surer ones through other views, and were left out")
         kept = {link for track in tracks for link in track.links}
-        rejected += [
-            _refused(found[x][0], "surer matches of other views say another region") for x in found.keys() - kept
-        ]
+        why = "surer matches of other views say another region"
+        rejected += [_refused(support, why) for link, (support, _) in found.items() if link not in kept]
     with clock("cut"):
         patches, refused = _patches(tracks, found, surface, cameras, config)
         rejected += refused
@@ -82,7 +80,7 @@ def build(
         patches=patches,
         rejected=rejected,
         matches=matches,
-        coverage=covered.by([patch.patch for patch in patches]),
+        coverage=seen.covered([patch.patch for patch in patches]),
         config={},
         timings=clock.seconds,
         warnings=warnings,
@@ -224,36 +222,3 @@ def _meeting(patches: Sequence[Patch], surface: Surface) -> dict[int, list[int]]
 
 def _refused(support: Support, reason: str) -> Rejected:
     return Rejected(support.left_view, support.right_view, support.left_polygon, support.right_polygon, reason)
-
-
-class _Coverage:
-    """What the views see of a surface, by a grid of rays each, and how much of that patches cover."""
-
-    def __init__(self, surface: Surface, caster: RayCaster, cameras: Sequence[PosedCamera]) -> None:
-        self.surface = surface
-        self.hit: list[NDArray[np.int64]] = []
-        self.seen: list[float] = []
-        for camera in cameras:
-            width, height = camera.camera.size
-            step = max((width * height / PROBES) ** 0.5, 1.0)
-            x, y = np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step))
-            directions = camera.directions(np.c_[x.ravel(), y.ravel()])
-            origin = np.broadcast_to(camera.center - surface.origin, directions.shape)
-            hits = caster.first_hits(origin, directions)
-            self.hit.append(hits.face[hits.found])
-            self.seen.append(float(hits.found.mean()))
-        if not any(self.seen):
-            raise InputError(UNSEEN)
-
-    def warnings(self, names: Sequence[str]) -> list[str]:
-        """Views that hardly see the mesh: their cameras may be wrong."""
-        blind = [name for name, share in zip(names, self.seen, strict=True) if share < 0.01]
-        return [f"{', '.join(blind)}: less than 1 % of the image meets the mesh"] if blind else []
-
-    def by(self, patches: Sequence[Patch]) -> float:
-        """0..1, the share of all hits that lies on patches; 0 without hits."""
-        hit = np.concatenate([np.zeros(0, np.int64), *self.hit])
-        if len(hit) == 0 or not patches:
-            return 0.0
-        covered = np.asarray(shares(patches, self.surface).sum(axis=0)).ravel()
-        return float(np.minimum(covered[hit], 1.0).mean())

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.cloud.rays import RayCaster
+from zpm2.cloud.seen import UNSEEN, probe
 from zpm2.cloud.surface import Surface
 from zpm2.errors import InputError
 from zpm2.model import PosedCamera
@@ -13,7 +14,6 @@ from zpm2.model import PosedCamera
 Array = NDArray[np.float64]
 PROBES = 1500  # rays of each view
 WIDEST = 60.0  # degrees between lines of sight, from which on regions do not look alike
-UNSEEN = "no view sees the mesh: give mesh and cameras of one scene, in the same coordinates"
 SAME = 1e-3  # of the distance: a point that a ray meets this near is seen
 
 
@@ -25,7 +25,8 @@ def neighbor_pairs(
 
     `InputError` where no view sees the surface.
     """
-    probes = [_probes(camera, surface, caster) for camera in cameras]
+    hits = [probe(camera, surface, caster, PROBES) for camera in cameras]
+    probes = [of.point[of.found] for of in hits]
     if not any(len(points) for points in probes):
         raise InputError(UNSEEN)
     n = len(cameras)
@@ -39,16 +40,6 @@ def neighbor_pairs(
         best = np.argsort(-score[i], kind="stable")[:count]
         pairs |= {(min(i, int(j)), max(i, int(j))) for j in best if score[i, j] > 0}
     return sorted(pairs)
-
-
-def _probes(camera: PosedCamera, surface: Surface, caster: RayCaster) -> Array:
-    """(k, 3) where a grid of rays meets the surface."""
-    width, height = camera.camera.size
-    step = (width * height / PROBES) ** 0.5
-    x, y = np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step))
-    directions = camera.directions(np.c_[x.ravel(), y.ravel()])
-    hits = caster.first_hits(np.broadcast_to(camera.center - surface.origin, directions.shape), directions)
-    return hits.point[hits.found]
 
 
 def _worth(points: Array, own: PosedCamera, other: PosedCamera, surface: Surface, caster: RayCaster) -> float:

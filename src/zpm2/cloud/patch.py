@@ -15,7 +15,7 @@ from zpm2.cloud.lift import Lifted
 from zpm2.cloud.shrink import largest
 from zpm2.cloud.surface import Surface
 from zpm2.errors import Failed
-from zpm2.model import PosedCamera
+from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -115,7 +115,9 @@ class Cutter:
 
     def __init__(self, surface: Surface, view: PosedCamera) -> None:
         self.surface, self.view = surface, view
-        self._pixels = view.project(surface.vertices + surface.origin)  # (n, 2), NaN behind the camera
+        camera = view.camera  # without distortion, so that edges of triangles are straight
+        self._pinhole = PosedCamera(Camera(camera.matrix, camera.size), view.rotation, view.translation)
+        self._pixels = self._pinhole.project(surface.vertices + surface.origin)  # (n, 2), NaN behind the camera
         self._seen = np.full(len(surface.faces), -1, np.int64)  # the last polygon that came by each triangle
         self._turn = -1
         self._center = view.center - surface.origin
@@ -128,7 +130,7 @@ class Cutter:
         boundary is a vertex of the patch. `Failed` where nothing is enclosed.
         """
         surface = self.surface
-        rings = [self.view.project(ring.points + surface.origin) for ring in lifted.rings]
+        rings = [self._pinhole.project(ring.points + surface.origin) for ring in lifted.rings]
         shape = shapely.Polygon(rings[0], rings[1:])
         if not shape.is_valid:
             shape = largest(shapely.make_valid(shape))
@@ -198,7 +200,7 @@ class Cutter:
 
     def _on_face(self, pixels: Array, face: Indices) -> Array:
         """(n, 3) where lines of sight meet the planes of known triangles."""
-        direction = self.view.directions(pixels)
+        direction = self._pinhole.directions(pixels)
         normal = self.surface.normals[face]
         along = np.einsum("ni,ni->n", self.surface.corners[face, 0] - self._center, normal)
         return np.asarray(self._center + direction * (along / np.einsum("ni,ni->n", direction, normal))[:, None])
