@@ -17,6 +17,11 @@ pytest.importorskip("trimesh")
 SIFT = ("--set", "points.methods=sift", "--device", "cpu")
 
 
+@pytest.fixture(autouse=True)
+def _small_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
+
+
 @pytest.fixture(scope="module")
 def rig(pair: Pair) -> Rig:
     scene = pair.scene

@@ -45,6 +45,7 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
     boards.write(tmp_path / "photos", 4)
+    monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -67,6 +68,7 @@ def test_command(command: str, run: Run, workplace: Path) -> None:
     elif "--accept-licence" in words:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
     if words[:2] == ["cloud", "ws"]:
+        words += ["--set", "cloud.neighbors=1"]
         assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
