@@ -48,7 +48,7 @@ def cloud(
     stereo: Annotated[
         bool, typer.Option("--stereo", help="Take the surface from a rectified, calibrated pair alone.")
     ] = False,
-    calib: Annotated[Path | None, typer.Option(help="With --stereo: Middlebury's calib.txt.")] = None,
+    calib: Annotated[Path | None, typer.Option(help="With --stereo: calibration file of Middlebury or KITTI.")] = None,
     k: Annotated[
         str | None, typer.Option("--K", help="With --stereo: fx,fy,cx,cy of the left camera, as for zpm2 pose.")
     ] = None,
@@ -231,7 +231,7 @@ def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | No
     if calib is not None:
         if any(value is not None for value in (k, k2, baseline)):
             raise ConfigError("--calib holds the cameras and the baseline: leave --K, --K2 and --baseline out")
-        return read_calibration(calib)
+        return read_calibration(calib, image_size(photographs[0]))
     if k is None or baseline is None:
         raise ConfigError("--stereo needs the cameras: give --calib, or --K and --baseline")
     if not 0 < baseline < float("inf"):

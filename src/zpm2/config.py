@@ -119,7 +119,7 @@ class CloudConfig:
     halvings: int = 6  # of the interval of scales, from s_min to 1
     max_edge: float = 6.0  # tau, medians: a longer edge between samples, per px, leads to another surface
     max_fold: float = 100.0  # degrees between normals of neighbouring samples, beyond which the surface is folded
-    max_size: float = 4.0  # times the size that the polygon has at its median depth
+    max_size: float = 20.0  # times the size that it would have facing the camera; roads are seen at a small angle
     min_overlap: float = 0.5  # 0..1, IoU of a lifted polygon, seen from the other camera, with its partner there
     max_distance: float = 0.25  # of sqrt(area): distance between the boundaries that both views lift
     fill: float = 0.02  # of the mesh's extent: holes up to this wide are filled

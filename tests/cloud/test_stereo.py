@@ -91,14 +91,28 @@ def test_calibration_of_middlebury(tmp_path: Path) -> None:
         "cam0=[999.4 0 294.2; 0 999.4 252.9; 0 0 1]\ncam1=[999.4 0 327.0; 0 999.4 252.9; 0 0 1]\n"
         "doffs=32.8\nbaseline=193.001\nwidth=741\nheight=497\nndisp=70\n"
     )
-    found = read_calibration(file)
+    found = read_calibration(file, (741, 497))
     assert found.offset == pytest.approx(32.8)
     assert found.left.matrix[0, 2] == pytest.approx(294.7)
     assert found.depth(20.0) == pytest.approx(999.4 * 193.001 / 52.8)
     assert np.isnan(found.depth(-40.0))
     file.write_text("cam0=[1 2; 3 4]\nbaseline=1\n")
-    with pytest.raises(InputError, match=r"no calib\.txt"):
-        read_calibration(file)
+    with pytest.raises(InputError, match="no calibration"):
+        read_calibration(file, (741, 497))
+
+
+@pytest.mark.parametrize("names", [("P2", "P3"), ("P_rect_02", "P_rect_03")])
+def test_calibration_of_kitti(tmp_path: Path, names: tuple[str, str]) -> None:
+    file = tmp_path / "calib.txt"
+    k = "718.856 0 607.193 {} 0 718.856 185.216 {} 0 0 1 0.003"
+    file.write_text(f"P0: 1 2 3\n{names[0]}: {k.format(45.38, -0.11)}\n{names[1]}: {k.format(-337.29, 2.37)}\n")
+    found = read_calibration(file, (1241, 376))
+    assert found.left.size == (1241, 376)
+    assert found.left.matrix[0, 2] == pytest.approx(607.693)
+    assert found.baseline == pytest.approx((45.38 + 337.29) / 718.856)
+    file.write_text(f"{names[0]}: 1 2\n{names[1]}: 3\n")
+    with pytest.raises(InputError, match="3 x 4"):
+        read_calibration(file, (1241, 376))
 
 
 def test_pairs_that_are_not_rectified_are_refused() -> None:

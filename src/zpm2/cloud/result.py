@@ -22,7 +22,7 @@ from zpm2.model import Camera, Polygon, PosedCamera
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
-OUTER = 0.01  # of the px of all patches, at each end of each axis
+OUTER = 0.04  # of the px of all patches, at each end of each axis
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class PolygonCloud:
     def box(self) -> tuple[Array, Array]:
         """(3,) each: the box around most of what the photographs show on patches, in the surface's coordinates.
 
-        Every patch counts by its px, and of each axis the outermost hundredths do not count: far things behind a scene
+        Every patch counts by its px, and of each axis the outermost parts do not count: far things behind a scene
         are small in its photographs. The mesh's box where there are no patches.
         """
         if not self.patches:
@@ -122,7 +122,7 @@ class PolygonCloud:
             order = np.argsort(middles[:, k])
             share = np.cumsum(weights[order]) / weights.sum()
             low[k], high[k] = middles[order, k][np.searchsorted(share, [OUTER, 1 - OUTER])]
-        margin = 0.05 * np.linalg.norm(high - low)
+        margin = 0.1 * np.linalg.norm(high - low)
         return low - margin, high + margin
 
     def world(self, points: Array) -> Array:

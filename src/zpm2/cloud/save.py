@@ -12,7 +12,6 @@ from zpm2.cloud.scene import scene
 from zpm2.errors import Failed
 from zpm2.io.files import atomic_write, output_folder
 
-TRIANGLES = 600_000  # of the surface and of all patches in the picture, at most about
 POINTS = 200_000  # on all patches, about, where no spacing is given
 
 
@@ -37,7 +36,7 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     export.write_points(cloud, out / "points.ply", between)
     if las:
         export.write_points(cloud, out / "points.las", between)
-    picture = three_views(scene(cloud, TRIANGLES))
+    picture = three_views(scene(cloud))
     if isinstance(picture, Failed):
         missing.append(f"no cloud.png: {picture}")
     else:

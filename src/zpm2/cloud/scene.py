@@ -8,17 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from zpm2.cloud.export import DARKER, TUBE, colors, tubes
 from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.result import PolygonCloud
-from zpm2.cloud.surface import Surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-ABOVE = 8e-4  # of the extent: between the surface, a patch, and a part of it
+ABOVE = 4e-4, 8e-4  # of the extent: between the surface, a patch, and a part of it; where triangles are fewer
 OVER = 0.02  # of a patch's area: less in common with another does not count
+WHOLE = 0.999  # of a triangle is covered: it is not shown
 AROUND = 0.75  # of the extent: what is farther from the middle is not shown
 PALE = (206, 206, 206)
 SURFACE = -1  # in the place of a patch's id
@@ -51,18 +52,22 @@ class Scene:
 def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
     """The scene of a cloud; surface and patches with at most about `most` triangles each, if given."""
     low, high = cloud.box
+    above = ABOVE[0 if most is None else 1]
     center, extent = (low + high) / 2, float(np.linalg.norm(high - low))
-    parts = [(*_surface(cloud.surface, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
+    parts = [(*_surface(cloud, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
     total = sum(len(patch.patch.faces) for patch in cloud.patches)
     for polygon, rgb, layer in zip(cloud.patches, colors(cloud), _layers(cloud), strict=True):
-        lift = layer * ABOVE * extent
+        lift = layer * above * extent
         patch = polygon.patch
-        floating = patch.vertices + lift * _vertex_normals(patch)
+        normals = _vertex_normals(patch)
+        floating = patch.vertices + lift * normals
         faces = patch.faces
         if most is not None and total > most:
             floating, faces = clustered(floating, faces, max(20, most * len(faces) // total))
         parts.append((floating, faces, polygon.id, rgb, False))
-        line = tubes([ring.points + lift * patch.normal for ring in polygon.rings], TUBE * extent)
+        tree, raised = cKDTree(patch.vertices), lift + above * extent / 2
+        rings = [ring.points + raised * normals[tree.query(ring.points)[1]] for ring in polygon.rings]
+        line = tubes(rings, TUBE * extent)
         parts.append((*line, polygon.id, (rgb * DARKER).astype(np.uint8), True))
     start = np.cumsum([0, *(len(v) for v, *_ in parts)])
     count = [len(f) for _, f, *_ in parts]
@@ -97,9 +102,12 @@ def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indice
     return means, fewer[real][np.sort(first)]
 
 
-def _surface(surface: Surface, center: Array, radius: float, most: int | None) -> tuple[Array, Indices]:
+def _surface(cloud: PolygonCloud, center: Array, radius: float, most: int | None) -> tuple[Array, Indices]:
+    """The surface around without what patches cover, so that patches can be seen from behind too."""
+    surface = cloud.surface
+    covered = np.asarray(shares([patch.patch for patch in cloud.patches], surface).sum(axis=0)).ravel()
     near = np.linalg.norm(surface.vertices - center, axis=1) < radius
-    faces = surface.faces[near[surface.faces].all(1)]
+    faces = surface.faces[near[surface.faces].all(1) & (covered < WHOLE)]
     used, inverse = np.unique(faces, return_inverse=True)
     vertices, faces = surface.vertices[used], inverse.reshape(-1, 3)
     return (vertices, faces) if most is None else clustered(vertices, faces, most)

@@ -3,6 +3,7 @@
 Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as OpenCV has it.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from scipy import ndimage
 
 from zpm2.cloud.surface import Surface
 from zpm2.errors import Failed, InputError
+from zpm2.io.cameras import intrinsics
 from zpm2.io.inputs import text
 from zpm2.model import Camera, Image, PosedCamera
 
@@ -62,26 +64,38 @@ def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
     return Rig(left, right, baseline)
 
 
-def read_calibration(path: Path) -> Rig:
-    """The rig of a calib.txt of Middlebury (2014, 2021): cam0, cam1, baseline (mm), width, height."""
-    values = dict(line.split("=", 1) for line in text(path).splitlines() if "=" in line)
+def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
+    """The rig of a calibration file, for images of `size` (width, height) px.
+
+    Middlebury (2014, 2021), calib.txt: cam0, cam1, baseline in mm. KITTI, calib.txt or calib_cam_to_cam.txt: the colour
+    cameras P2 and P3 (or P_rect_02 and P_rect_03), in m. Both count pixel centres from 0.
+    """
+    lines = [re.match(r"\s*(\w+)\s*[=:]\s*(.*)", line) for line in text(path).splitlines()]
+    values = {line[1]: line[2] for line in lines if line}
+    for names in (("P2", "P3"), ("P_rect_02", "P_rect_03")):
+        if all(name in values for name in names):
+            return _kitti(values[names[0]], values[names[1]], path, size)
     try:
-        size = int(values["width"]), int(values["height"])
+        own = int(values["width"]), int(values["height"])
         matrices = [
             np.array([row.split() for row in values[name].strip(" []").split(";")], np.float64)
             for name in ("cam0", "cam1")
         ]
-        left, right = (Camera(matrix.reshape(3, 3) + _half_pixel(), size) for matrix in matrices)
+        left, right = (Camera(intrinsics(matrix.reshape(3, 3)), own) for matrix in matrices)
         return rig_of(left, right, float(values["baseline"]))
     except (KeyError, ValueError) as error:
-        raise InputError(f"{path} is no calib.txt of Middlebury (cam0, cam1, baseline, width, height)") from error
+        raise InputError(f"{path} is no calibration of Middlebury (cam0, cam1, baseline) or KITTI (P2, P3)") from error
 
 
-def _half_pixel() -> Array:
-    """What takes a K whose pixel centres are at 0 to ours."""
-    shift = np.zeros((3, 3))
-    shift[:2, 2] = 0.5
-    return shift
+def _kitti(left: str, right: str, path: Path, size: tuple[int, int]) -> Rig:
+    """Both projections are K [I | t] in the frame of camera 0."""
+    try:
+        p, q = (np.array(words.split(), np.float64).reshape(3, 4) for words in (left, right))
+    except ValueError as error:
+        raise InputError(f"{path} has projections that are no 3 x 4 matrices: copy or download it again") from error
+    shift = np.linalg.solve(p[:, :3], p[:, 3]) - np.linalg.solve(q[:, :3], q[:, 3])
+    cameras = [Camera(intrinsics(matrix[:, :3]), size) for matrix in (p, q)]
+    return rig_of(cameras[0], cameras[1], float(shift[0]))
 
 
 def semi_global(left: Image, right: Image, low: int, high: int) -> Disparity:
