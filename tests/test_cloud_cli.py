@@ -122,6 +122,38 @@ def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_p
     assert np.median(depth_errors(document, pair)) < 0.001
 
 
+def test_photographs_of_one_name_in_two_folders(
+    workspace: Path, matches: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """COLMAP's names may have folders; the matches of a pair are kept under both."""
+    images = workspace / "images"
+    for side in ("left", "right"):
+        (images / side).mkdir()
+        (images / f"{side}.png").rename(images / side / "0.png")
+    model = workspace / "sparse" / "0" / "images.txt"
+    model.write_text(model.read_text().replace("left.png", "left/0.png").replace("right.png", "right/0.png"))
+    asked = []
+
+    class Matcher:
+        def __init__(self, *words: object, **named: object) -> None: ...
+
+        def __call__(self, left: Path, right: Path) -> object:
+            from zpm2.result import MatchResult
+
+            asked.append((left, right))
+            document = json.loads((matches / "matches.json").read_text())
+            document["left"]["path"], document["right"]["path"] = str(left), str(right)
+            (tmp_path / "matches.json").write_text(json.dumps(document))
+            return MatchResult.load(tmp_path)
+
+    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", Matcher)
+    for _ in range(2):
+        code, _, err = run("cloud", workspace, "-o", tmp_path / "out", *SIFT)
+        assert code == 0, err
+    assert asked == [(images / "left" / "0.png", images / "right" / "0.png")]  # the second run took what was there
+    assert [p.name for p in (tmp_path / "out" / "pairs").iterdir()] == ["left_0-right_0"]
+
+
 def test_non_overlapping(workspace: Path, matches: Path, run: Run, tmp_path: Path) -> None:
     with_matches(matches, workspace, tmp_path / "out")
     code, _, err = run("cloud", workspace, "-o", tmp_path / "out", "--non-overlapping", *SIFT)

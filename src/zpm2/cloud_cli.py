@@ -129,10 +129,10 @@ class _Matcher:
         self.config, self.progress, self.say, self.out = config, progress, say, out
         self._matcher: PolygonMatcher | None = None
 
-    def __call__(self, left: Path, right: Path) -> "MatchResult":
+    def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
         from zpm2.result import MatchResult
 
-        folder = self.out / "pairs" / f"{left.stem}-{right.stem}"
+        folder = self.out / "pairs" / "-".join(str(Path(name).with_suffix("")).replace("/", "_") for name in names)
         if (folder / "matches.json").exists():
             kept = MatchResult.load(folder)
             paths = [side.path and Path(side.path).resolve() for side in (kept.left, kept.right)]
@@ -166,7 +166,7 @@ def _workspace(
     pairs = []
     for k, (i, j) in enumerate(chosen):
         matcher.progress("pairs", k / len(chosen))
-        result = matcher(views[i].path, views[j].path)
+        result = matcher(views[i].path, views[j].path, (views[i].name, views[j].name))
         pairs.append(MatchedPair(i, j, result.flatten() if exclusive else result))
     matcher.progress("pairs", 1.0)
     return _built(views, pairs, surface, matcher)
@@ -192,7 +192,8 @@ def _stereo(
         if (image.width, image.height) != camera.size:
             raise InputError(f"{image.path} has {image.width} x {image.height} px, its camera {camera.size}")
     given = read_map(disparity, (left.width, left.height), scale) if disparity is not None else None
-    result = MatchResult.load(matches) if matches is not None else matcher(*photographs)
+    names = photographs[0].name, photographs[1].name
+    result = MatchResult.load(matches) if matches is not None else matcher(photographs[0], photographs[1], names)
     sizes = [(side.width, side.height) for side in (result.left, result.right)]
     if sizes != [rig.left.size, rig.right.size]:
         raise ConfigError(f"--matches {matches} is of images of another size: give the matches of these images")
