@@ -18,7 +18,7 @@ from zpm2.cloud.patch import Patch
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
-from zpm2.model import Camera, Polygon, PosedCamera
+from zpm2.model import Polygon, PosedCamera
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
@@ -145,7 +145,7 @@ class PolygonCloud:
                 {
                     "name": view.name,
                     "path": str(view.path),
-                    "camera": _camera(view.camera.camera),
+                    "camera": view.camera.camera.to_dict(),
                     "rotation": view.camera.rotation.tolist(),
                     "translation": view.camera.translation.tolist(),
                 }
@@ -200,12 +200,3 @@ class PolygonCloud:
     def save_json(self, folder: Path) -> Path:
         """Write cloud.json, whole or not at all."""
         return atomic_write(folder / "cloud.json", json.dumps(self.to_dict(), allow_nan=False))
-
-
-def _camera(camera: Camera) -> dict[str, Any]:
-    return {
-        "matrix": camera.matrix.tolist(),
-        "distortion": camera.distortion.tolist(),
-        "width": camera.size[0],
-        "height": camera.size[1],
-    }

@@ -54,6 +54,16 @@ class Camera:
         bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(bent[:, 0], np.float64)
 
+    def to_dict(self) -> dict[str, Any]:
+        """As result files have it."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "distortion": self.distortion.tolist(),
+            "width": self.size[0],
+            "height": self.size[1],
+            "source": self.source,
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class PosedCamera:

@@ -141,7 +141,7 @@ class PoseResult:
             "version": self.version,
             "config": dict(self.config),
             "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
-            "cameras": None if isinstance(self.cameras, Failed) else [_camera(c) for c in self.cameras],
+            "cameras": None if isinstance(self.cameras, Failed) else [c.to_dict() for c in self.cameras],
             "pose": None if isinstance(pose, Failed) else self._pose(pose),
             "failed": pose.reason if isinstance(pose, Failed) else None,
             "fundamental": _matrix(self.fundamental),
@@ -195,16 +195,6 @@ class PoseResult:
     def save(self, directory: str | Path) -> Path:
         """Write pose.json into a folder, whole or not at all; returns its path."""
         return atomic_write(output_folder(directory) / "pose.json", json.dumps(self.to_dict(), allow_nan=False))
-
-
-def _camera(camera: Camera) -> dict[str, Any]:
-    return {
-        "matrix": camera.matrix.tolist(),
-        "distortion": camera.distortion.tolist(),
-        "width": camera.size[0],
-        "height": camera.size[1],
-        "source": camera.source,
-    }
 
 
 def _matrix(matrix: Array | Failed) -> list[list[float]] | None:
