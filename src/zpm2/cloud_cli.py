@@ -26,7 +26,7 @@ from zpm2.console import (
 from zpm2.errors import ConfigError, Failed, InputError
 
 if TYPE_CHECKING:
-    from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View
+    from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
     from zpm2.cloud.stereo import Rig
     from zpm2.config import Config
     from zpm2.pipeline import PolygonMatcher
@@ -154,14 +154,14 @@ def _asked(config: Any) -> dict[str, Any]:
 def _workspace(
     matcher: _Matcher, folder: Path, mesh: Path | None, images: Path | None, cameras: Path | None, exclusive: bool
 ) -> "PolygonCloud":
-    from zpm2.cloud import MatchedPair, Surface, neighbor_pairs, open_caster
+    from zpm2.cloud import MatchedPair, Surface, neighbor_pairs
     from zpm2.cloud.workspace import find_mesh, read_views
 
     views = read_views(folder, images, cameras)
     matcher.progress("mesh", 0.0)
     surface = _filled(Surface.read(mesh or find_mesh(folder)), matcher.config)
     matcher.progress("mesh", 1.0)
-    caster = open_caster(surface)
+    caster = _caster(surface)
     chosen = neighbor_pairs([view.camera for view in views], surface, caster, matcher.config.cloud.neighbors)
     pairs = []
     for k, (i, j) in enumerate(chosen):
@@ -169,7 +169,7 @@ def _workspace(
         result = matcher(views[i].path, views[j].path, (views[i].name, views[j].name))
         pairs.append(MatchedPair(i, j, result.flatten() if exclusive else result))
     matcher.progress("pairs", 1.0)
-    return _built(views, pairs, surface, matcher)
+    return _built(views, pairs, surface, caster, matcher)
 
 
 def _stereo(
@@ -207,7 +207,8 @@ def _stereo(
     write_surface(surface, matcher.out / "mesh.ply")
     matcher.progress("mesh", 1.0)
     views = [View(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
-    return _built(views, [MatchedPair(0, 1, result.flatten() if exclusive else result)], surface, matcher)
+    pairs = [MatchedPair(0, 1, result.flatten() if exclusive else result)]
+    return _built(views, pairs, surface, _caster(surface), matcher)
 
 
 def _filled(surface: "Surface", config: "Config") -> "Surface":
@@ -216,10 +217,22 @@ def _filled(surface: "Surface", config: "Config") -> "Surface":
     return fill_holes(surface, config.cloud.fill * surface.extent)
 
 
-def _built(views: "list[View]", pairs: "list[MatchedPair]", surface: "Surface", matcher: _Matcher) -> "PolygonCloud":
-    from zpm2.cloud import build, open_caster
+def _caster(surface: "Surface") -> "RayCaster":
+    """Of a surface; that it is slow is said before the waiting begins."""
+    from zpm2.cloud import open_caster
 
-    made = build(views, pairs, surface, open_caster(surface), matcher.config.cloud, matcher.progress)
+    caster = open_caster(surface)
+    if caster.note:
+        print(f"warning: {caster.note}", file=sys.stderr)
+    return caster
+
+
+def _built(
+    views: "list[View]", pairs: "list[MatchedPair]", surface: "Surface", caster: "RayCaster", matcher: _Matcher
+) -> "PolygonCloud":
+    from zpm2.cloud import build
+
+    made = build(views, pairs, surface, caster, matcher.config.cloud, matcher.progress)
     said = [f"{views[p.left].name}, {views[p.right].name}: {text}" for p in pairs for text in p.result.warnings]
     return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=[*made.warnings, *said])
 

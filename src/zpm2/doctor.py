@@ -8,7 +8,10 @@ from typing import Any
 from zpm2 import weights
 from zpm2._version import __version__
 
-PACKAGES = ("torch", "kornia", "openvino", "poselib", "pycolmap", "opencv-python-headless", "shapely", "numpy", "scipy")
+PACKAGES = (
+    *("torch", "kornia", "openvino", "poselib", "opencv-python-headless", "shapely", "numpy", "scipy"),
+    *("pycolmap", "trimesh", "embreex", "laspy", "pyarrow"),
+)
 
 
 def examine() -> dict[str, dict[str, Any]]:
