@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import boards
@@ -51,6 +52,12 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     return tmp_path
 
 
+@pytest.fixture(scope="session")
+def reconstructed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the workspace is kept that one command makes and the next one takes."""
+    return tmp_path_factory.getbasetemp() / "reconstructed"
+
+
 def test_pages_have_commands_and_only_known_ones() -> None:
     assert len(commands()) >= 6
     for page, text in blocks("bash"):
@@ -61,7 +68,7 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 
 @pytest.mark.weights
 @pytest.mark.parametrize("command", commands())
-def test_command(command: str, run: Run, workplace: Path) -> None:
+def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -> None:
     words = shlex.split(command, comments=True)[1:]
     if words[0] in ("match", "eval", "pose", "cloud"):
         words += QUICK
@@ -69,7 +76,10 @@ def test_command(command: str, run: Run, workplace: Path) -> None:
         pytest.skip("accepting a licence is for a person to do; tests/weights tries it with a stand-in")
     if words[:2] == ["cloud", "ws"]:
         words += ["--set", "cloud.neighbors=1"]
-        assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
+        if reconstructed.exists():
+            shutil.copytree(reconstructed, "ws")
+        else:
+            assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:
@@ -82,6 +92,8 @@ def test_command(command: str, run: Run, workplace: Path) -> None:
     assert out
     if words[0] == "match":
         assert (workplace / "out" / "matches.json").exists()
+    if words[0] == "reconstruct":
+        shutil.copytree("ws", reconstructed)
 
 
 @pytest.mark.weights

@@ -7,8 +7,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View, build
-from zpm2.cloud.rays import EveryTriangle
+from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View, build, open_caster
 from zpm2.config import CloudConfig, preset
 from zpm2.errors import Failed
 from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, PosedCamera
@@ -81,4 +80,4 @@ def cloud_of(
         MatchedPair(k, k + 1, matched(outlines, (cameras[k], cameras[k + 1]), wrong if k == 0 else None))
         for k in range(len(cameras) - 1)
     ]
-    return build(views_of(cameras, folder), pairs, surface, EveryTriangle(surface), config or preset("default").cloud)
+    return build(views_of(cameras, folder), pairs, surface, open_caster(surface), config or preset("default").cloud)

@@ -7,8 +7,7 @@ import pytest
 from clouds import cloud_of, looking_down, matched, squares, views_of
 from meshes import distance_to, grid
 
-from zpm2.cloud import MatchedPair, Surface, build
-from zpm2.cloud.rays import EveryTriangle
+from zpm2.cloud import MatchedPair, Surface, build, open_caster
 from zpm2.config import CloudConfig
 from zpm2.errors import InputError
 
@@ -101,6 +100,6 @@ def test_tracks_that_no_match_joins_are_one_patch(tmp_path: Path) -> None:
     cameras = [*CAMERAS, looking_down(0.2, 0.4, 2.6)]
     surface, outlines = grid(12, seed=1), squares()
     pairs = [MatchedPair(a, b, matched(outlines, (cameras[a], cameras[b]))) for a, b in ((0, 1), (2, 3))]
-    cloud = build(views_of(cameras, tmp_path), pairs, surface, EveryTriangle(surface), CloudConfig())
+    cloud = build(views_of(cameras, tmp_path), pairs, surface, open_caster(surface), CloudConfig())
     assert len(cloud.patches) == 9
     assert all(patch.views == (0, 1, 2, 3) for patch in cloud.patches)

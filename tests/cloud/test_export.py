@@ -99,8 +99,11 @@ def test_points(cloud: PolygonCloud, tmp_path: Path, suffix: str) -> None:
         assert shapely.contains_xy(ring, mine[:, :2]).all()
 
 
-def test_everything_is_saved_and_nothing_else(cloud: PolygonCloud, tmp_path: Path) -> None:
+def test_everything_is_saved_and_nothing_else(
+    cloud: PolygonCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("embreex")
+    monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
     assert save(cloud, tmp_path / "out") == []
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
