@@ -261,9 +261,9 @@ def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | No
 def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, as_json: bool) -> None:
     for warning in [*found.warnings, *missing]:
         print(f"warning: {warning}", file=sys.stderr)
-    document = found.to_dict()
     if as_json:
-        print(json.dumps({name: document[name] for name in ("counts", "timings", "warnings")} | {"out": str(out)}))
+        summary = {"counts": found.counts(), "timings": dict(found.timings), "warnings": list(found.warnings)}
+        print(json.dumps(summary | {"out": str(out)}))
         return
     if quiet:
         return

@@ -53,6 +53,13 @@ def turn_rays(rotation: Array, rays: Array) -> Array:
         return np.where(p[:, 2:] > 1e-6, p[:, :2] / p[:, 2:], np.nan)
 
 
+def sight_angles(points: Array, first: Array, second: Array) -> Array:
+    """(n,) degrees between the lines to points (n, 3) from two centres (3,)."""
+    a, b = points - first, points - second
+    cosine = np.einsum("ni,ni->n", a, b) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
 def epipolar_distance(fundamental: Array, left: Array, right: Array) -> Array:
     """(n,) px: distance of each right point to the epipolar line of its left point."""
     return np.abs(np.einsum("ni,ni->n", epipolar_lines(fundamental, left), homogeneous(right)))

@@ -80,7 +80,7 @@ def test_points(cloud: PolygonCloud, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"points.{suffix}"
     if suffix == "las":
         laspy = pytest.importorskip("laspy")
-    count = export.write_points(cloud, path, 0.01)
+    count = export.write_points(cloud, 0.01, path)
     assert count == pytest.approx(9 * 900, rel=0.05)  # those of a part are not those of its whole too
     if suffix == "las":
         las = laspy.read(path)

@@ -12,7 +12,7 @@ from clouds import cloud_of, looking_down, squares
 from meshes import grid, sphere
 
 from zpm2.cloud import PolygonCloud
-from zpm2.cloud.export import DARKER, colors
+from zpm2.cloud.export import DARKER
 from zpm2.cloud.page import page
 from zpm2.cloud.picture import GAP, SIZE, three_views
 from zpm2.cloud.scene import clustered, scene
@@ -38,7 +38,7 @@ def test_three_views_show_every_polygon_and_its_boundary(cloud: PolygonCloud) ->
     assert not isinstance(picture, Failed)
     assert picture.shape == (SIZE[1], 3 * SIZE[0] + 2 * GAP, 3)
     middle = picture[:, SIZE[0] + GAP : 2 * SIZE[0] + GAP].astype(float)
-    for rgb in colors(cloud).astype(float):
+    for rgb in cloud.colors.astype(float):
         light = middle @ rgb / (rgb @ rgb)  # the same colour at some brightness
         like = np.abs(middle - light[..., None] * rgb).max(2) < 6
         assert (like & (light > 0.5) & (light < 1.05)).sum() > 300

@@ -22,9 +22,7 @@ Array = NDArray[np.float64]
 class Agreement:
     """How well two views agree on the place of a region."""
 
-    overlap: (
-        float  # 0..1, IoU of the lifted polygon, seen from the other view, with its partner there; mean of both ways
-    )
+    overlap: float  # 0..1, IoU of the lifted polygon, seen from the other view, with its partner; mean of both ways
     distance: float | None  # units of the mesh, between the boundaries that each view lifts, median; None: one misses
     size: float  # units of the mesh, sqrt of the area that the whole boundary has on its plane
 

@@ -1,5 +1,6 @@
 """The polygon cloud as files that other programs open: PLY, GLB, GeoJSON, WKT, coloured points."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from zpm2.errors import MissingDependency
 from zpm2.io import geojson
 from zpm2.io.files import atomic_write
 from zpm2.io.images import read_image
-from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,13 +23,6 @@ TUBE = 0.0015  # of the extent: radius of the tubes around boundaries
 SIDES = 6  # of a tube
 DARKER = 0.45  # of a patch's colour: its boundary's
 FRAME = "coordinates of the cameras and of the mesh"
-
-
-def colors(cloud: PolygonCloud) -> Colors:
-    """(p, 3) RGB of the patches, unlike those of their neighbours."""
-    centers = np.array([patch.patch.centroid for patch in cloud.patches]).reshape(-1, 3)
-    reach = np.array([patch.patch.area**0.5 / 2 for patch in cloud.patches])
-    return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)
 
 
 def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
@@ -76,10 +69,10 @@ def write_ply(cloud: PolygonCloud, path: Path) -> Path:
     if patches:
         face["v"] = np.concatenate([p.faces + first for p, first in zip(patches, start, strict=False)])
         face["normal"] = np.concatenate([p.normals for p in patches])
-        face["rgb"] = np.repeat(colors(cloud), count, axis=0)
+        face["rgb"] = np.repeat(cloud.colors, count, axis=0)
         face["patch"] = np.repeat([p.id for p in cloud.patches], count)
     header = [
-        *_ply_header(len(vertices), "double"),
+        *_ply_header(len(vertices)),
         f"element face {len(face)}",
         "property list uchar int vertex_indices",
         *(f"property float {name}" for name in ("nx", "ny", "nz")),
@@ -90,23 +83,25 @@ def write_ply(cloud: PolygonCloud, path: Path) -> Path:
     return atomic_write(path, "\n".join(header).encode() + vertices.astype("<f8").tobytes() + face.tobytes())
 
 
-def write_points(cloud: PolygonCloud, path: Path, spacing: float) -> int:
-    """Points on the patches about every `spacing`, with the colour of the photograph that saw them and the patch's id:
-    .ply, or .las (package laspy). A point of nested patches is the innermost one's. Returns how many."""
+def write_points(cloud: PolygonCloud, spacing: float, *paths: Path) -> int:
+    """Points on the patches about every `spacing`, with the colour of the photograph that saw them and the patch's id,
+    as .ply, or as .las (package laspy). A point of nested patches is the innermost one's. Returns how many."""
     points, rgb, patch = sampled(cloud, spacing)
-    if path.suffix == ".las":
-        atomic_write(path, _las(points, rgb, patch))
-        return len(points)
+    for path in paths:
+        atomic_write(path, (_las if path.suffix == ".las" else _points_ply)(points, rgb, patch))
+    return len(points)
+
+
+def _points_ply(points: Array, rgb: Colors, patch: Indices) -> bytes:
     rows = np.zeros(len(points), [("at", "<f8", 3), ("rgb", "u1", 3), ("patch", "<i4")])
     rows["at"], rows["rgb"], rows["patch"] = points, rgb, patch
     header = [
-        *_ply_header(len(points), "double"),
+        *_ply_header(len(points)),
         *(f"property uchar {name}" for name in ("red", "green", "blue")),
         "property int patch",
         "end_header\n",
     ]
-    atomic_write(path, "\n".join(header).encode() + rows.tobytes())
-    return len(points)
+    return "\n".join(header).encode() + rows.tobytes()
 
 
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
@@ -147,7 +142,7 @@ def write_glb(cloud: PolygonCloud, path: Path) -> Path:
     scene = trimesh.Scene(metadata={"origin": cloud.surface.origin.tolist(), "schema": "zpm2-cloud/1"})
     low, high = cloud.box
     radius = TUBE * float(np.linalg.norm(high - low))
-    for polygon, rgb in zip(cloud.patches, colors(cloud), strict=True):
+    for polygon, rgb in zip(cloud.patches, cloud.colors, strict=True):
         mesh = _coloured(trimesh, polygon.patch.vertices, polygon.patch.faces, rgb)
         mesh.metadata = attributes(polygon)
         scene.add_geometry(mesh, node_name=f"polygon {polygon.id}", geom_name=f"polygon {polygon.id}")
@@ -205,7 +200,7 @@ def write_surface(surface: Surface, path: Path) -> Path:
     face = np.zeros(len(surface.faces), [("n", "u1"), ("v", "<i4", 3)])
     face["n"], face["v"] = 3, surface.faces
     header = [
-        *_ply_header(len(surface.vertices), "double"),
+        *_ply_header(len(surface.vertices)),
         f"element face {len(face)}",
         "property list uchar int vertex_indices",
         "end_header\n",
@@ -224,8 +219,6 @@ def require_laspy() -> Any:
 
 
 def _las(points: Array, rgb: Colors, patch: Indices) -> bytes:
-    import io
-
     laspy = require_laspy()
     header = laspy.LasHeader(point_format=7, version="1.4")
     low = points.min(0) if len(points) else np.zeros(3)
@@ -241,13 +234,13 @@ def _las(points: Array, rgb: Colors, patch: Indices) -> bytes:
     return buffer.getvalue()
 
 
-def _ply_header(vertices: int, kind: str) -> list[str]:
+def _ply_header(vertices: int) -> list[str]:
     return [
         "ply",
         "format binary_little_endian 1.0",
         "comment zpm2 polygon cloud",
         f"element vertex {vertices}",
-        *(f"property {kind} {axis}" for axis in "xyz"),
+        *(f"property double {axis}" for axis in "xyz"),
     ]
 
 

@@ -32,6 +32,11 @@ class Ring:
     points: Array  # (k, 3) in the surface's coordinates
     faces: Indices  # (k,) the triangle on which each segment lies; -1 where no walk led along the surface
 
+    @property
+    def length(self) -> float:
+        """In units of the mesh."""
+        return float(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
@@ -46,7 +51,7 @@ class Lifted:
     @property
     def length(self) -> float:
         """Of all boundaries, in units of the mesh."""
-        return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
+        return sum(ring.length for ring in self.rings)
 
 
 def lift(
@@ -175,10 +180,9 @@ def _shrunk(
         trial = [shrinkers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
         said = [_text(fault) for fault in faults(trial, view, surface, caster, options)]
         for k, shape, text in zip(rows, trial, said, strict=True):
+            reason[k] = text
             if not text:
                 best[k] = shape
-        for k, text in zip(rows, said, strict=True):
-            reason[k] = text
         return np.array([not text for text in said], bool)
 
     everyone = np.arange(n)

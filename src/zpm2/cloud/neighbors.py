@@ -9,6 +9,7 @@ from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.seen import UNSEEN, probe
 from zpm2.cloud.surface import Surface
 from zpm2.errors import InputError
+from zpm2.geometry import sight_angles
 from zpm2.model import PosedCamera
 
 Array = NDArray[np.float64]
@@ -56,7 +57,5 @@ def _worth(points: Array, own: PosedCamera, other: PosedCamera, surface: Surface
     seen = hits.found & (np.linalg.norm(np.nan_to_num(hits.point) - points[inside], axis=1) < SAME * distance)
     if not seen.any():
         return 0.0
-    back = points[inside][seen] - (own.center - surface.origin)
-    cosine = np.einsum("ni,ni->n", back, sight[seen]) / (np.linalg.norm(back, axis=1) * distance[seen])
-    angle = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+    angle = float(np.median(sight_angles(points[inside][seen], own.center - surface.origin, there)))
     return float(seen.sum() / len(points)) * max(0.0, 1 - angle / WIDEST)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zpm2.cloud.export import attributes, colors
+from zpm2.cloud.export import attributes
 from zpm2.cloud.result import PolygonCloud
 from zpm2.cloud.scene import SURFACE, Scene, scene
 
@@ -30,7 +30,7 @@ def page(cloud: PolygonCloud) -> str:
         "views": [view.name for view in cloud.views],
         "polygons": [
             attributes(polygon) | {"rgb": rgb.tolist()}
-            for polygon, rgb in zip(cloud.patches, colors(cloud), strict=True)
+            for polygon, rgb in zip(cloud.patches, cloud.colors, strict=True)
         ],
         "parts": [
             _part("surface", shown, shown.ids == SURFACE),

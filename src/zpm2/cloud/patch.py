@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
 from zpm2.cloud.shrink import largest
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import Surface, crosses, paired_edges
 from zpm2.errors import Failed
 from zpm2.model import Camera, PosedCamera
 
@@ -35,8 +35,7 @@ class Patch:
     @cached_property
     def _across(self) -> Array:
         """(m, 3) normals, twice as long as the area."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        return np.cross(b - a, c - a)
+        return crosses(self.vertices[self.faces])
 
     @cached_property
     def areas(self) -> Array:
@@ -96,12 +95,8 @@ class Patch:
     def curvature(self) -> float:
         """Mean of the mean curvature (k1 + k2) / 2, per unit of the mesh, positive where the surface bulges towards the
         camera: half the sum of length times bend over inner edges (Steiner), by area. 1 / r on a sphere."""
+        one, other, _ = paired_edges(self.faces)
         start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
-        key = np.minimum(start, end) * len(self.vertices) + np.maximum(start, end)
-        order = np.argsort(key, kind="stable")
-        _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-        two = first[count == 2]
-        one, other = order[two], order[two + 1]
         along = self.vertices[end[one]] - self.vertices[start[one]]
         length = np.linalg.norm(along, axis=1)
         n, m = self.normals[one // 3], self.normals[other // 3]
@@ -241,8 +236,8 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
 
 def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> Patch:
     """A patch of these triangles, each turned so that it faces the camera's `center`."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    facing = np.einsum("ni,ni->n", np.cross(b - a, c - a), center - a)
+    corners = vertices[faces]
+    facing = np.einsum("ni,ni->n", crosses(corners), center - corners[:, 0])
     away = facing < 0
     faces = np.where(away[:, None], faces[:, ::-1], faces)
     return Patch(vertices, faces, source)

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.cloud.lift import Ring, outline_in
-from zpm2.cloud.patch import Patch
+from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
 from zpm2.model import Polygon, PosedCamera
+from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
@@ -68,7 +69,7 @@ class CloudPatch:
     @property
     def length(self) -> float:
         """Of all its boundaries, units of the mesh."""
-        return float(sum(np.linalg.norm(np.roll(r.points, -1, axis=0) - r.points, axis=1).sum() for r in self.rings))
+        return sum(ring.length for ring in self.rings)
 
     def outline(self, camera: PosedCamera, surface: Surface) -> shapely.Geometry:
         """Its boundary as a camera sees it, px; empty where a part is behind the camera."""
@@ -125,6 +126,18 @@ class PolygonCloud:
         margin = 0.1 * np.linalg.norm(high - low)
         return low - margin, high + margin
 
+    @cached_property
+    def shares(self) -> Any:
+        """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
+        return shares([patch.patch for patch in self.patches], self.surface)
+
+    @cached_property
+    def colors(self) -> NDArray[np.uint8]:
+        """(p, 3) RGB of the patches, unlike those of their neighbours."""
+        centers = np.array([patch.patch.centroid for patch in self.patches]).reshape(-1, 3)
+        reach = np.array([patch.patch.area**0.5 / 2 for patch in self.patches])
+        return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)
+
     def world(self, points: Array) -> Array:
         """(n, 3) points of the surface in the coordinates of the cameras and of the mesh's file."""
         return np.asarray(points + self.surface.origin)
@@ -132,6 +145,17 @@ class PolygonCloud:
     def reasons(self) -> dict[str, int]:
         """How many matches gave no patch, by reason, the most frequent one first; numbers in a reason left out."""
         return dict(Counter(rejected.reason.split(":")[0] for rejected in self.rejected).most_common())
+
+    def counts(self) -> dict[str, Any]:
+        """How many matches there were and what became of them."""
+        return {
+            "matches": self.matches,
+            "accepted": self.accepted,
+            "rejected": len(self.rejected),
+            "patches": len(self.patches),
+            "coverage": self.coverage,
+            "reasons": self.reasons(),
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `cloud.json` (schema "zpm2-cloud/1"). Coordinates, lengths and areas in units of the mesh."""
@@ -159,14 +183,7 @@ class PolygonCloud:
                 "origin": surface.origin.tolist(),
                 "notes": list(surface.notes),
             },
-            "counts": {
-                "matches": self.matches,
-                "accepted": self.accepted,
-                "rejected": len(self.rejected),
-                "patches": len(self.patches),
-                "coverage": self.coverage,
-                "reasons": self.reasons(),
-            },
+            "counts": self.counts(),
             "patches": [self._patch(patch) for patch in self.patches],
             "rejected": [vars(rejected) for rejected in self.rejected],
             "warnings": list(self.warnings),

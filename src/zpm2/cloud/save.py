@@ -33,9 +33,7 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     export.write_boundaries(cloud, out)
     area = sum(patch.patch.area for patch in cloud.patches)
     between = spacing or max((area / POINTS) ** 0.5, 1e-12)
-    export.write_points(cloud, out / "points.ply", between)
-    if las:
-        export.write_points(cloud, out / "points.las", between)
+    export.write_points(cloud, between, out / "points.ply", *([out / "points.las"] if las else []))
     picture = three_views(scene(cloud))
     if isinstance(picture, Failed):
         missing.append(f"no cloud.png: {picture}")

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.cloud.export import DARKER, TUBE, colors, tubes
-from zpm2.cloud.patch import Patch, shares
+from zpm2.cloud.export import DARKER, TUBE, tubes
+from zpm2.cloud.patch import Patch
 from zpm2.cloud.result import PolygonCloud
+from zpm2.cloud.surface import crosses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,7 +57,7 @@ def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
     center, extent = (low + high) / 2, float(np.linalg.norm(high - low))
     parts = [(*_surface(cloud, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
     total = sum(len(patch.patch.faces) for patch in cloud.patches)
-    for polygon, rgb, layer in zip(cloud.patches, colors(cloud), _layers(cloud), strict=True):
+    for polygon, rgb, layer in zip(cloud.patches, cloud.colors, _layers(cloud), strict=True):
         lift = layer * above * extent
         patch = polygon.patch
         normals = _vertex_normals(patch)
@@ -89,8 +90,7 @@ def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indice
     Borrel, Multi-resolution 3D approximations, 1993)."""
     if len(faces) <= most:
         return vertices, faces
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    area = float(np.linalg.norm(crosses(vertices[faces]), axis=1).sum() / 2)
     cell = (2 * area / most) ** 0.5
     key = np.floor((vertices - vertices.min(0)) / cell).astype(np.int64)
     _, of, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
@@ -105,7 +105,7 @@ def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indice
 def _surface(cloud: PolygonCloud, center: Array, radius: float, most: int | None) -> tuple[Array, Indices]:
     """The surface around without what patches cover, so that patches can be seen from behind too."""
     surface = cloud.surface
-    covered = np.asarray(shares([patch.patch for patch in cloud.patches], surface).sum(axis=0)).ravel()
+    covered = np.asarray(cloud.shares.sum(axis=0)).ravel()
     near = np.linalg.norm(surface.vertices - center, axis=1) < radius
     faces = surface.faces[near[surface.faces].all(1) & (covered < WHOLE)]
     used, inverse = np.unique(faces, return_inverse=True)
@@ -123,7 +123,7 @@ def _vertex_normals(patch: Patch) -> Array:
 
 def _layers(cloud: PolygonCloud) -> list[int]:
     """For each patch how many layers lie under it: one more than under any larger one that it covers a part of."""
-    covers = shares([patch.patch for patch in cloud.patches], cloud.surface)
+    covers = cloud.shares
     both = (covers @ covers.multiply(cloud.surface.areas).T.tocsr()).tocsr()
     layer: list[int] = []
     for k, patch in enumerate(cloud.patches):  # by descending area

@@ -35,14 +35,13 @@ class Surface:
     @cached_property
     def normals(self) -> Array:
         """(m, 3) unit normals, by the order of the corners."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        across = np.cross(b - a, c - a)
+        across = crosses(self.corners)
         return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
 
     @cached_property
     def areas(self) -> Array:
         """(m,) of the triangles."""
-        return _areas(self.vertices, self.faces)
+        return np.asarray(np.linalg.norm(crosses(self.corners), axis=1) / 2)
 
     @property
     def extent(self) -> float:
@@ -77,7 +76,9 @@ class Surface:
         points, triangles = _compact(points, triangles)
         origin = (points.min(0) + points.max(0)) / 2
         points = points - origin
-        flat = _areas(points, triangles) <= FLAT * float(np.ptp(points, axis=0) @ np.ptp(points, axis=0))
+        flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= FLAT * float(
+            np.ptp(points, axis=0) @ np.ptp(points, axis=0)
+        )
         notes += _said(int(flat.sum()), "triangles have no area, and were left out")
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
@@ -125,24 +126,31 @@ def _compact(points: Array, triangles: Indices) -> tuple[Array, Indices]:
     return distinct, same.ravel()[inverse.ravel()].reshape(triangles.shape)
 
 
-def _areas(points: Array, triangles: Indices) -> Array:
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+def crosses(corners: Array) -> Array:
+    """(m, 3) normals of triangles (m, 3, 3), by the order of their corners, twice as long as the area."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.asarray(np.cross(b - a, c - a))
+
+
+def paired_edges(triangles: Indices) -> tuple[Indices, Indices, int]:
+    """(k,) and (k,) the two sides of each edge of exactly two triangles (3 times the triangle plus the corner where the
+    side starts), and how many edges have more."""
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (triangles.max() + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    two = first[count == 2]
+    return order[two], order[two + 1], int((count > 2).sum())
 
 
 def neighbors_of(triangles: Indices) -> tuple[Indices, int, int]:
     """(m, 3) neighbours, how many edges have more than two triangles, and how many join opposite orientations."""
-    m = len(triangles)
+    one, other, crowded = paired_edges(triangles)
+    neighbors = np.full(triangles.size, -1, np.int64)
+    neighbors[one], neighbors[other] = other // 3, one // 3
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     forward = start < end
-    key = np.where(forward, start, end) * (triangles.max() + 1) + np.where(forward, end, start)
-    order = np.argsort(key, kind="stable")
-    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    two = first[count == 2]
-    one, other = order[two], order[two + 1]
-    neighbors = np.full(3 * m, -1, np.int64)
-    neighbors[one], neighbors[other] = other // 3, one // 3
-    return neighbors.reshape(m, 3), int((count > 2).sum()), int((forward[one] == forward[other]).sum())
+    return neighbors.reshape(-1, 3), crowded, int((forward[one] == forward[other]).sum())
 
 
 def _said(count: int, text: str) -> list[str]:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.stereo import semi_global
 from zpm2.errors import Failed
+from zpm2.geometry import sight_angles
 from zpm2.io.colmap import read_poses, require_pycolmap
+from zpm2.io.files import atomic_write
 from zpm2.io.images import read_image
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.rectified import rectify_views
@@ -76,9 +78,7 @@ def choose_neighbors(view: SparseView, views: Sequence[SparseView], points: Arra
         common = points[np.intersect1d(view.points, other.points)]
         if len(common) < 20:
             continue
-        a, b = common - view.camera.center, common - other.camera.center
-        cosine = np.einsum("ni,ni->n", a, b) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
-        angle = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        angle = float(np.median(sight_angles(common, view.camera.center, other.camera.center)))
         if ANGLES[0] <= angle <= ANGLES[1]:
             scores.append((len(common) * min(1.0, angle / BEST_ANGLE), k))
     return [k for _, k in sorted(scores, reverse=True)[:count]]
@@ -133,8 +133,6 @@ def _normals(depth: Depth, camera: PosedCamera) -> Depth:
 
 def _write(files: Sequence[Path], depth: Depth, normals: Depth) -> None:
     """COLMAP's format: width&height&channels&, then float32, one channel after the other, row by row; 0 is unknown."""
-    from zpm2.io.files import atomic_write
-
     known = np.where(np.isfinite(depth) & (normals != 0).any(2), depth, 0).astype("<f4")
     height, width = depth.shape
     atomic_write(files[0], f"{width}&{height}&1&".encode() + known.tobytes())
