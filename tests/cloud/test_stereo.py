@@ -120,6 +120,8 @@ def test_pairs_that_are_not_rectified_are_refused() -> None:
     other[1, 2] += 40
     with pytest.raises(InputError, match="one cy"):
         rig_of(Camera(K, (400, 240)), Camera(other, (400, 240)), 1.0)
+    with pytest.raises(InputError, match="one size"):
+        rig_of(Camera(K, (400, 240)), Camera(K, (300, 240)), 1.0)
     bent = Camera(K, (400, 240), np.array([0.1, 0, 0, 0]))
     with pytest.raises(InputError, match="distortion"):
         rig_of(bent, bent, 1.0)

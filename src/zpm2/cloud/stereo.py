@@ -56,6 +56,10 @@ class Rig:
 
 def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
     """A rig of two cameras; `InputError` where they are none of a rectified pair."""
+    if left.size != right.size:
+        raise InputError(
+            f"images of a rectified pair have one size, these have {left.size} and {right.size} px: rectify it"
+        )
     a, b = left.matrix, right.matrix
     if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > 0.01 * a[0, 0]:
         raise InputError("a rectified pair has one focal length and one cy: rectify it first (zpm2 pose --rectify)")
