@@ -49,8 +49,8 @@ class Published(TorchBackend):
             logits, iou = self.sam.mask_decoder.predict_masks(parts, position, self._to(sparse), dense)
         return iou.cpu().numpy(), np.zeros((*iou.shape, 1), np.float32), logits.cpu().numpy()
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: NDArray[np.float32]) -> Any:
-        return tokens[rows][:, -hyper.shape[1] :]
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: NDArray[np.float32], size: tuple[int, int]) -> Any:
+        return tokens[rows][:, -hyper.shape[1] :, : size[0], : size[1]]
 
 
 class Measured:

@@ -55,7 +55,7 @@ class Cut:
 
     def decode(self, parts: Any, points: np.ndarray) -> np.ndarray:
         _, hyper, tokens = self.backend.prompt(parts, self.backend.embed(points, np.array([1])))
-        return self.backend.mask(tokens, np.arange(len(points)), hyper)
+        return self.backend.mask(tokens, np.arange(len(points)), hyper, (256, 256))
 
 
 class OnnxBackend:
@@ -74,7 +74,11 @@ class OnnxBackend:
             pixels, sparse = torch.zeros(1, 3, 1024, 1024), torch.zeros(PROMPTS, 2, 256)
             parts = image(pixels)
             _, hyper, tokens = prompt(*parts, sparse)
-            examples = ((image, (pixels,)), (prompt, (*parts, sparse)), (mask, (tokens, hyper)))
+            examples = (
+                (image, (pixels,)),
+                (prompt, (*parts, sparse)),
+                (mask, (tokens.reshape(-1, 64, 64, 256), hyper)),
+            )
             for k, (network, example) in enumerate(examples):
                 torch.onnx.export(network, example, folder / f"{k}.onnx", dynamo=False, opset_version=17)
         self.sessions = [onnxruntime.InferenceSession(folder / f"{k}.onnx") for k in range(3)]
@@ -89,8 +93,8 @@ class OnnxBackend:
     def prompt(self, parts: list[np.ndarray], sparse: np.ndarray) -> list[np.ndarray]:
         return self._run(1, [*parts, sparse])
 
-    def mask(self, tokens: np.ndarray, rows: np.ndarray, hyper: np.ndarray) -> np.ndarray:
-        return self._run(2, [tokens[rows], hyper])[0]
+    def mask(self, tokens: np.ndarray, rows: np.ndarray, hyper: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        return self._run(2, [tokens[rows].reshape(-1, 64, 64, 256), hyper])[0][:, :, : size[0], : size[1]]
 
 
 def seconds(action: Callable[[], Any]) -> tuple[float, Any]:

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.detect.answers import CORNER, LOW, Answers, Floor, Prompts
-from zpm2.detect.sam import SamView, upsample
+from zpm2.detect.sam import SamView, decoded_size, upsample
 from zpm2.model import Image, Mask
 
 
@@ -34,8 +34,7 @@ class PaintedView:
     def __post_init__(self) -> None:
         self.scale = 1024 / max(self.image.width, self.image.height)
         self.low = self.scale / 4
-        height, width = np.ceil(np.array([self.image.height, self.image.width]) * self.low)
-        self.size = int(height), int(width)
+        self.size = decoded_size(self.image)
         self.bits = self.cover(np.array([region.shape for region in self.regions], object))
 
     cover = SamView.cover
@@ -52,7 +51,7 @@ class PaintedView:
                 if region.score >= floor.predicted_iou and region.stability >= floor.stability:
                     found.append((k, region.score, region.stability, self.bits[n]))
         if not found:
-            return Answers.none()
+            return Answers.none(self.size)
         prompt, score, stability, bits = zip(*found, strict=True)
         logits = np.where(np.stack(bits), 8, -8).astype(np.float16)
         return Answers(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)

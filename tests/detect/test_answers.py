@@ -26,8 +26,8 @@ def test_answers():
     assert list(answers.reach(Floor(0.6, 0.5))) == [True, True, True]
     assert list(answers.bits[:, 0, 0]) == [False, True, True]
     assert list(answers[answers.score > 0.7].prompt) == [0, 2]
-    joined = Answers.join([answers, Answers.none(), answers[np.array([2])]])
+    joined = Answers.join([answers, Answers.none((LOW, LOW)), answers[np.array([2])]])
     assert list(joined.prompt) == [0, 0, 2, 2]
     assert np.array_equal(joined.logits[2], joined.logits[3])
-    assert len(Answers.join([])) == len(Answers.none()) == 0
-    assert Answers.none().bits.shape == (0, LOW, LOW)
+    assert len(Answers.none((LOW, LOW))) == 0
+    assert Answers.none((20, LOW)).bits.shape == (0, 20, LOW)

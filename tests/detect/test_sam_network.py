@@ -43,9 +43,12 @@ def test_cut_equals_kornia_for_random_weights() -> None:
         parts = sam_network.ImageNetwork(sam)(picture)
         sparse = torch.from_numpy(sam_network.PromptEmbedding.of(sam)(POINTS, np.array([1])))
         ours_iou, hyper, tokens = sam_network.PromptNetwork(sam)(*parts, sparse)
-        ours = sam_network.MaskNetwork(sam)(tokens, hyper)
+        network = sam_network.MaskNetwork(sam)
+        ours = network(tokens.reshape(3, 64, 64, -1), hyper)
+        part = network(tokens.reshape(3, 64, 64, -1)[:, :20, :33], hyper)
     torch.testing.assert_close(ours_iou, iou, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(ours, masks, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(part, masks[:, :, :80, :132], atol=1e-3, rtol=1e-3)
 
 
 @pytest.mark.parametrize("labels", [[1], [1, 0], [2, 3], [2, 3, 1, 0]])
@@ -79,6 +82,7 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
     for backend in (TorchBackend("mobile_sam", "cpu"), OpenVinoBackend("mobile_sam", print)):
         parts = backend.image(picture.numpy())
         ours_iou, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
-        logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]])
         np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)
-        assert ((logits > 0) != (masks[[0, 2]].numpy() > 0)).mean() < 1e-4
+        for height, width in ((256, 256), (78, 256), (256, 101)):
+            logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]], (height, width))
+            assert ((logits > 0) != (masks[[0, 2], :, :height, :width].numpy() > 0)).mean() < 1e-4

@@ -6,8 +6,8 @@ import shapely
 from rendered import Pair
 
 from zpm2.config import SegmentConfig
-from zpm2.detect.answers import CORNER, INSIDE, OTHER_CORNER, Answers, Floor, Prompts
-from zpm2.detect.sam import SamSegmenter, SamView
+from zpm2.detect.answers import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.detect.sam import SamSegmenter, SamView, decoded_size
 from zpm2.model import Image
 
 pytestmark = pytest.mark.weights
@@ -62,13 +62,21 @@ def test_questions_do_not_depend_on_each_other(view: SamView, points: np.ndarray
 
 def test_nothing_asked_nothing_answered(view: SamView) -> None:
     assert len(view.ask(Prompts.at(np.zeros((0, 2))), EVERYTHING)) == 0
-    assert view.masks(Answers.none()) == []
+    assert view.masks(Answers.none(view.size)) == []
 
 
-def test_the_padding_is_no_part_of_any_mask(view: SamView, points: np.ndarray) -> None:
-    bits = view.ask(Prompts.at(points), EVERYTHING).bits
-    assert not bits[:, view.size[0] :].any()
-    assert not bits[:, :, view.size[1] :].any()
+def test_masks_cover_the_image_and_no_padding(view: SamView, points: np.ndarray) -> None:
+    assert max(view.size) == LOW
+    assert view.size[0] / view.size[1] == pytest.approx(view.image.height / view.image.width, abs=1 / LOW)
+    assert view.ask(Prompts.at(points), EVERYTHING).bits.shape[1:] == view.size
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "size"),
+    [(1242, 375, (78, 256)), (64, 64, (256, 256)), (33, 4000, (256, 3)), (4001, 1, (1, 256))],
+)
+def test_size_of_decoded_masks(width: int, height: int, size: tuple[int, int]) -> None:
+    assert decoded_size(Image(np.zeros((height, width, 3), np.uint8))) == size
 
 
 def test_cover_has_the_areas_of_its_shapes(view: SamView) -> None:

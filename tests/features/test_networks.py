@@ -7,7 +7,7 @@ from kornia.feature import LightGlue
 from torch import nn
 
 from zpm2.features import superpoint, xfeat
-from zpm2.features.lightglue import SETTINGS, published_names
+from zpm2.features.lightglue import SETTINGS, FusedCrossAttention, published_names
 
 LAYERS = ["1a", "1b", "2a", "2b", "3a", "3b", "4a", "4b", "Pa", "Pb", "Da", "Db"]
 
@@ -100,3 +100,18 @@ def test_lightglue_takes_every_published_key(name: str) -> None:
     assert set(published_names(published)) == set(state)
     with pytest.raises(RuntimeError, match="unheard_of"):
         network.load_state_dict(published_names(published | {"unheard_of": torch.zeros(1)}), strict=True)
+
+
+@pytest.mark.parametrize("name", ["xfeat_lighterglue", "disk_lightglue"])
+@pytest.mark.parametrize("masked", [False, True])
+def test_fused_cross_attention_is_that_of_kornia(name: str, masked: bool) -> None:
+    torch.manual_seed(0)
+    block = LightGlue(None, **SETTINGS[name]).transformers[0].cross_attn.eval()
+    size = block.to_qk.in_features
+    first, second = torch.randn(1, 70, size), torch.randn(1, 41, size)
+    mask = torch.rand(1, 1, 70, 41) > 0.3 if masked else None
+    with torch.inference_mode():
+        for ours, theirs in zip(
+            FusedCrossAttention(block)(first, second, mask), block(first, second, mask), strict=True
+        ):
+            torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)

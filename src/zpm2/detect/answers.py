@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LOW = 256  # px, side of a decoded mask
+LOW = 256  # px, longer side of a decoded mask
 
 INSIDE, CORNER, OTHER_CORNER = 1, 2, 3  # labels of a prompt's points
 
@@ -44,7 +44,7 @@ class Answers:
     prompt: NDArray[np.int64]  # (n,) row of the prompt that was asked
     score: NDArray[np.float32]  # (n,) predicted IoU
     stability: NDArray[np.float32]  # (n,)
-    logits: NDArray[np.float16]  # (n, LOW, LOW), inside where > 0
+    logits: NDArray[np.float16]  # (n, h, w) of the view's `size`, inside where > 0
 
     def __len__(self) -> int:
         return len(self.prompt)
@@ -58,19 +58,18 @@ class Answers:
 
     @property
     def bits(self) -> NDArray[np.bool_]:
-        """(n, LOW, LOW)"""
+        """(n, h, w)"""
         return np.asarray(self.logits > 0)
 
     @staticmethod
-    def none() -> "Answers":
+    def none(size: tuple[int, int]) -> "Answers":
+        """Of a view of that `size`."""
         nothing = np.zeros(0, np.float32)
-        return Answers(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, LOW, LOW), np.float16))
+        return Answers(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, *size), np.float16))
 
     @staticmethod
     def join(parts: "list[Answers]") -> "Answers":
-        """One after the other, each with its own numbering of prompts."""
-        if not parts:
-            return Answers.none()
+        """One after the other, at least one, each with its own numbering of prompts."""
         return Answers(
             np.concatenate([p.prompt for p in parts]),
             np.concatenate([p.score for p in parts]),

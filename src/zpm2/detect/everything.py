@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
 from zpm2.detect import masks
-from zpm2.detect.answers import LOW, Answers, Floor, Prompts
+from zpm2.detect.answers import Answers, Floor, Prompts
 from zpm2.detect.protocol import PromptedView
 
 DEPTH = {"fast": 0.0, "balanced": 1.0}  # px of a decoded mask: points deeper inside a fine mask are not asked,
 LEAST = {"fast": 1 / 6, "balanced": 1 / 3}  # but for this share of the grid, least deep first
-CHUNK = 256  # masks looked at at a time; one takes 64 kB
+CHUNK = 256  # masks looked at at a time; one takes up to 64 kB
 
 
 def everything(
@@ -37,7 +37,7 @@ def everything(
     they are fine no point is asked, and what overlaps one of them by more than `config.nms_iou` is the same region.
     """
     floor = floor or Floor(config.min_predicted_iou, config.min_stability)
-    known = Answers.none() if known is None else known
+    known = Answers.none(view.size) if known is None else known
     found, points = [], grid(config.grid, view.size)
     if config.quality == "full":
         for start in range(0, len(points), view.batch):
@@ -45,8 +45,8 @@ def everything(
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
         deepest, least = DEPTH[config.quality], round(LEAST[config.quality] * len(points)) - len(known)
-        depth = _depth(np.zeros((LOW, LOW), np.float32), known.bits)
-        column, row = np.minimum(points.astype(int), LOW - 1).T
+        depth = _depth(np.zeros(view.size, np.float32), known.bits)
+        row, column = points.astype(int).T[::-1]
         waiting, count = np.arange(len(points)), 0
         while len(waiting):
             deep = np.floor(depth[row[waiting], column[waiting]])
@@ -94,7 +94,7 @@ def distinct(answers: Answers, rank: NDArray[np.floating], config: SegmentConfig
 
 
 def _depth(depth: NDArray[np.float32], fine: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """(256, 256) px, how deep each pixel lies inside any of the masks: `depth` and the `fine` ones (n, 256, 256)."""
+    """(h, w) px, how deep each pixel lies inside any of the masks: `depth` and the `fine` ones (n, h, w)."""
     for bits in fine:
         inside = cv2.distanceTransform(np.pad(bits, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         depth = np.maximum(depth, inside[1:-1, 1:-1])

@@ -35,7 +35,7 @@ class PromptedView(Protocol):
     """One photograph, encoded once, that can be asked about places as often as wanted."""
 
     low: float  # px of a decoded mask per image px
-    size: tuple[int, int]  # (height, width) of the image in px of a decoded mask
+    size: tuple[int, int]  # (height, width) of a decoded mask, px; the longer side has LOW
     image: Image
     batch: int  # prompts that are best asked together on this device
 
@@ -44,7 +44,7 @@ class PromptedView(Protocol):
         ...
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """(n,) shapely polygons in image px -> (n, 256, 256) pixels of a decoded mask that they cover."""
+        """(n,) shapely polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
         ...
 
     def masks(self, answers: Answers) -> list[Mask]:

@@ -1,7 +1,7 @@
 """SAM as a segmenter that can be asked: a photograph is encoded once, prompts get masks with scores.
 
-Masks stay at the decoder's 256 x 256 resolution until it is known which of them are wanted; only those are brought to
-the image's own.
+Masks stay at the decoder's resolution, 256 px along the longer side, until it is known which of them are wanted; only
+those are brought to the image's own.
 """
 
 from collections.abc import Callable
@@ -71,8 +71,7 @@ class SamView:
         self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
         self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
         self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
-        height, width = np.ceil(np.array([image.height, image.width]) * self.low)
-        self.size = int(height), int(width)
+        self.size = decoded_size(image)
         self.parts = backend.image(encoder_input(image, self.scale))
 
     def ask(self, prompts: Prompts, floor: Floor) -> Answers:
@@ -83,7 +82,8 @@ class SamView:
         """
         first = 1 if prompts.points.shape[1] <= SINGLE else 0
         starts = range(0, len(prompts), self.batch)
-        return Answers.join([self._ask(prompts[s : s + self.batch], s, first, floor) for s in starts])
+        found = [self._ask(prompts[s : s + self.batch], s, first, floor) for s in starts]
+        return Answers.join([Answers.none(self.size), *found])
 
     def _ask(self, prompts: Prompts, start: int, first: int, floor: Floor) -> Answers:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
@@ -91,11 +91,10 @@ class SamView:
         iou, hyper = iou[:, first:], hyper[:, first:]
         rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
         if len(rows) == 0:
-            return Answers.none()
-        logits = self.backend.mask(tokens, rows, hyper[rows])
+            return Answers.none(self.size)
+        logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
         good = iou[rows] >= floor.predicted_iou
         logits, score = logits[good], iou[rows][good]
-        logits[:, self.size[0] :] = logits[:, :, self.size[1] :] = -np.inf  # the padding is no part of the image
         inner = (logits > self.config.stability_offset).sum((1, 2))
         outer = (logits > -self.config.stability_offset).sum((1, 2))
         stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
@@ -104,14 +103,13 @@ class SamView:
         return Answers(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """(n,) polygons in image px -> (n, 256, 256) pixels of a decoded mask that they cover."""
-        covered = np.zeros((len(shapes), LOW, LOW), np.uint8)
+        """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
+        covered = np.zeros((len(shapes), *self.size), np.uint8)
         for k in np.flatnonzero(~shapely.is_empty(shapes)):
             for part in shapely.get_parts(shapes[k]):
                 for ring, value in ((part.exterior, 1), *((hole, 0) for hole in part.interiors)):
                     corners = np.round((shapely.get_coordinates(ring) * self.low - 0.5) * 16)
                     cv2.fillPoly(covered[k], [np.clip(corners, -(2**24), 2**24).astype(np.int32)], value, shift=4)
-        covered[:, self.size[0] :] = covered[:, :, self.size[1] :] = 0
         return covered.astype(bool)
 
     def masks(self, answers: Answers) -> list[Mask]:
@@ -120,6 +118,12 @@ class SamView:
             return []
         each = zip(answers.logits, masks.boxes(answers.bits), answers.score, strict=True)
         return [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
+
+
+def decoded_size(image: Image) -> tuple[int, int]:
+    """(height, width) px of a decoded mask: the image with LOW px along its longer side."""
+    height, width = -(-np.array([image.height, image.width]) * LOW // max(image.width, image.height))
+    return int(height), int(width)
 
 
 def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
@@ -133,7 +137,7 @@ def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
 
 
 def upsample(logits: NDArray[np.float16], box: NDArray[np.int64], image: Image, scale: float, score: float) -> Mask:
-    """A 256 x 256 mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
+    """A decoded mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
     size = SIDE / LOW / scale  # image px of one low-resolution pixel
     x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
     x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
+from math import isqrt
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import weights
-from zpm2.detect.answers import LOW
 from zpm2.errors import ConfigError, MissingDependency
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
 
-VERSION = 2  # of the cut into networks; raise it when sam_network.py changes what they compute
+VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
+TOKEN = 4  # px of a decoded mask under an image token, along each side
 CPU_BATCH, GPU_BATCH = 16, 64  # prompts at a time: 4 MB of image tokens each
 
 
@@ -44,8 +45,9 @@ class SamBackend(Protocol):
     def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
         """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
-        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, 256, 256)."""
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
+        `size` (height, width) px of a decoded mask; what lies beyond is padding and not decoded."""
 
 
 def open_backend(
@@ -106,10 +108,10 @@ class TorchBackend:
             iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
             return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         with self.torch.inference_mode():
-            logits: Array = self.networks[2](tokens[self._to(rows)], self._to(hyper)).cpu().numpy()
-        return logits
+            logits = self.networks[2](_part(tokens[self._to(rows)], size), self._to(hyper))
+        return logits[:, :, : size[0], : size[1]].cpu().numpy()
 
 
 class OpenVinoBackend:
@@ -128,7 +130,7 @@ class OpenVinoBackend:
         self.core, self.folder = openvino.Core(), folder
         self.image_network = self._compile("image")
         self.prompt_networks: dict[int, Any] = {}  # by number of prompt tokens
-        self.mask_networks: dict[int, Any] = {}  # by number of masks
+        self.mask_networks: dict[tuple[int, ...], Any] = {}  # by number of masks and of rows and columns of tokens
 
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> Any:
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
@@ -157,15 +159,22 @@ class OpenVinoBackend:
         iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array) -> Array:
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         """Prompt by prompt: as fast as together, and the image tokens (4 MB each) are not copied."""
-        each = hyper.shape[1]
-        if each not in self.mask_networks:
-            self.mask_networks[each] = self._compile("mask", [(1, *tokens.shape[1:]), (1, *hyper.shape[1:])])
-        logits = np.empty((len(rows), each, LOW, LOW), np.float32)
+        logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
-            logits[k] = self._run(self.mask_networks[each], [tokens[row : row + 1], hyper[k : k + 1]])[0][0]
+            part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]
+            key = (*weights.shape, *part.shape)
+            if key not in self.mask_networks:
+                self.mask_networks[key] = self._compile("mask", [part.shape, weights.shape])
+            logits[k] = self._run(self.mask_networks[key], [part, weights])[0][0, :, : size[0], : size[1]]
         return logits
+
+
+def _part(tokens: Any, size: tuple[int, int]) -> Any:
+    """Image tokens (B, N, C) -> those (B, h, w, C) under the first `size` (height, width) px of a decoded mask."""
+    grid = isqrt(tokens.shape[1])
+    return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN), : -(-size[1] // TOKEN)]
 
 
 def _converted(model: str, openvino_version: str, say: Say) -> Path:
@@ -210,7 +219,7 @@ def _convert(model: str, folder: Path) -> None:
         graphs = (
             openvino.convert_model(image, example_input=(pixels,)),
             openvino.convert_model(prompt, example_input=(*parts, sparse)),
-            openvino.convert_model(mask.eval(), example_input=(tokens, hyper)),
+            openvino.convert_model(mask.eval(), example_input=(_part(tokens, (8, 12)), hyper)),
         )
     for name, graph in zip(NETWORKS, graphs, strict=True):
         openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)

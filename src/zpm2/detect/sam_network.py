@@ -23,7 +23,6 @@ from torch import Tensor, nn
 
 GRID = 64  # image tokens along a side
 SIDE = 1024  # px, the square that the image encoder sees
-LOW = 256  # px, side of a decoded mask
 
 
 class ImageNetwork(nn.Module):
@@ -93,9 +92,9 @@ class PromptNetwork(nn.Module):
 
 
 class MaskNetwork(nn.Module):
-    """Image tokens (B, N, 256) + mask weights (B, M, 32) -> mask logits (B, M, 256, 256).
+    """Image tokens (B, h, w, 256) + mask weights (B, M, 32) -> mask logits (B, M, 4 h, 4 w).
 
-    The two transposed convolutions have stride = kernel = 2, so each is a linear layer on tokens; the 2 x 2 children of
+    Tokens are decoded each by itself, so those of the padding can be left out. The two transposed convolutions have stride = kernel = 2, so each is a linear layer on tokens; the 2 x 2 children of
     a token stay together until the end, where one permutation puts the pixels in order.
     """
 
@@ -108,13 +107,13 @@ class MaskNetwork(nn.Module):
         self.second, self.second_bias = (nn.Buffer(part) for part in _as_linear(up[3]))
 
     def forward(self, image: Tensor, hyper: Tensor) -> Tensor:
-        b = image.shape[0]
-        x = (image @ self.first + self.first_bias).reshape(b, GRID * GRID, 4, -1)
+        b, h, w, _ = image.shape
+        x = (image @ self.first + self.first_bias).reshape(b, h * w, 4, -1)
         x = nn.functional.gelu(self.norm(x))
         x = nn.functional.gelu(x @ self.second + self.second_bias)
-        x = x.reshape(b, GRID * GRID * 16, -1) @ hyper.transpose(1, 2)
-        x = x.reshape(b, GRID, GRID, 2, 2, 2, 2, hyper.shape[1])  # row, column, then child and grandchild (row, column)
-        return x.permute(0, 7, 1, 3, 5, 2, 4, 6).reshape(b, hyper.shape[1], LOW, LOW)
+        x = x.reshape(b, h * w * 16, -1) @ hyper.transpose(1, 2)
+        x = x.reshape(b, h, w, 2, 2, 2, 2, hyper.shape[1])  # row, column, then child and grandchild (row, column)
+        return x.permute(0, 7, 1, 3, 5, 2, 4, 6).reshape(b, hyper.shape[1], 4 * h, 4 * w)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from kornia.feature import LightGlue
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from zpm2 import weights
 from zpm2.features.protocol import Features
@@ -39,6 +40,9 @@ class LightGlueMatcher:
         state = published_names(weights.load_state_dict(name, progress=progress))
         state["confidence_thresholds"] = self.network.confidence_thresholds  # computed, not learned
         self.network.load_state_dict(state, strict=True)
+        if device == "cpu":
+            for layer in self.network.transformers:
+                layer.cross_attn = FusedCrossAttention(layer.cross_attn)
         self.network.eval().to(device)
 
     def pair(self, left: Features, right: Features) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
@@ -54,6 +58,31 @@ class LightGlueMatcher:
             "descriptors": torch.from_numpy(features.descriptors)[None].to(self.device),
             "image_size": torch.tensor([features.size], device=self.device),
         }
+
+
+class FusedCrossAttention(nn.Module):
+    """kornia's cross attention without the matrix of all points with all points, which it makes on a CPU: two to three
+    times as fast with 4096 points, and the same numbers up to rounding."""
+
+    def __init__(self, block: Any) -> None:
+        super().__init__()
+        self.block = block
+
+    def forward(self, x0: Tensor, x1: Tensor, mask: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """(1, M, D) and (1, N, D) descriptors -> the same, after each has looked at the other image's."""
+        block = self.block
+        (qk0, v0), (qk1, v1) = (
+            [t.unflatten(-1, (block.heads, -1)).transpose(1, 2) for t in (block.to_qk(x), block.to_v(x))]
+            for x in (x0, x1)
+        )
+        attend = nn.functional.scaled_dot_product_attention
+        across = mask.transpose(-2, -1) if mask is not None else None
+        messages = attend(qk0, qk1, v1, attn_mask=mask), attend(qk1, qk0, v0, attn_mask=across)
+        y0, y1 = (
+            x + block.ffn(torch.cat([x, block.to_out(m.transpose(1, 2).flatten(start_dim=-2))], -1))
+            for x, m in zip((x0, x1), messages, strict=True)
+        )
+        return y0, y1
 
 
 def published_names(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -151,7 +151,7 @@ def propose(view: PromptedView, asked: Regions, there: Carrier, back: Carrier, c
 
 
 def prompts(cover: NDArray[np.bool_], low: float) -> Prompts:
-    """For each (256, 256) shape, none empty, the pixel deepest inside it and its box."""
+    """For each (h, w) shape, none empty, the pixel deepest inside it and its box."""
     points = np.zeros((len(cover), 3, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
@@ -162,7 +162,7 @@ def prompts(cover: NDArray[np.bool_], low: float) -> Prompts:
 
 
 def _ask(view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config) -> Answers:
-    """What `view` answers to (n,) carried shapes of which it shows `cover` (n, 256, 256); `prompt` are their rows."""
+    """What `view` answers to (n,) carried shapes of which it shows `cover` (n, h, w); `prompt` are their rows."""
     pixels = cover.sum((1, 2))
     rows = np.flatnonzero((pixels / view.low**2 >= MIN_VISIBLE * shapely.area(shapes)) & (pixels >= MIN_PIXELS))
     answers = view.ask(prompts(cover[rows], view.low), _doubtful(config))
