@@ -94,8 +94,9 @@ class PromptNetwork(nn.Module):
 class MaskNetwork(nn.Module):
     """Image tokens (B, h, w, 256) + mask weights (B, M, 32) -> mask logits (B, M, 4 h, 4 w).
 
-    Tokens are decoded each by itself, so those of the padding can be left out. The two transposed convolutions have stride = kernel = 2, so each is a linear layer on tokens; the 2 x 2 children of
-    a token stay together until the end, where one permutation puts the pixels in order.
+    Tokens are decoded each by itself, so those of the padding can be left out. The two transposed convolutions have
+    stride = kernel = 2, so each is a linear layer on tokens; the 2 x 2 children of a token stay together until the end,
+    where one permutation puts the pixels in order.
     """
 
     def __init__(self, sam: Any) -> None:
