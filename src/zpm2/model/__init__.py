@@ -1,6 +1,7 @@
 """Plain data. Nothing here imports anything else of zpm2."""
 
 from zpm2.model.camera import Camera, PosedCamera
+from zpm2.model.georeference import Georeference
 from zpm2.model.image import Image
 from zpm2.model.mask import Mask
 from zpm2.model.match import PolygonMatch, Stage
@@ -9,6 +10,7 @@ from zpm2.model.polygon import Polygon, PolygonArrays
 
 __all__ = [
     "Camera",
+    "Georeference",
     "Image",
     "Mask",
     "PointMatches",

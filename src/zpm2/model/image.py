@@ -17,6 +17,7 @@ class Image:
     rgb: NDArray[np.uint8]  # (h, w, 3)
     path: str | None = None
     notes: tuple[str, ...] = ()  # what was done to the pixels: an alpha band dropped, 16 bits stretched, ...
+    valid: NDArray[np.bool_] | None = None  # (h, w) False where there is no data; None: everywhere
 
     @property
     def width(self) -> int:

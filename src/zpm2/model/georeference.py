@@ -1,0 +1,35 @@
+"""Where a photograph lies on the ground, as its file says it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Georeference:
+    """A coordinate reference system, the affine map into it, a sensor model: what a file has of them."""
+
+    crs: str | None = None  # "EPSG:32632", or WKT where it has no code
+    transform: Array | None = None  # (2, 3) image px, outer-corner origin, to coordinates of `crs` (GDAL's geotransform)
+    rpc: Mapping[str, Any] | None = None  # rational polynomial coefficients, as GDAL names them
+    gsd: float | None = None  # m on the ground per px; None where nothing says it
+
+    def to_world(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) coordinates of `crs`."""
+        assert self.transform is not None
+        return np.asarray(points @ self.transform[:, :2].T + self.transform[:, 2])
+
+    def to_image(self, points: Array) -> Array:
+        """(n, 2) coordinates of `crs` -> (n, 2) image px."""
+        assert self.transform is not None
+        return np.asarray((points - self.transform[:, 2]) @ np.linalg.inv(self.transform[:, :2]).T)
+
+    @property
+    def located(self) -> bool:
+        """Whether pixels have coordinates in a known reference system."""
+        return self.crs is not None and self.transform is not None
