@@ -18,6 +18,7 @@ from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Image, Mask, PointMatches
+from zpm2.pipeline import on_data
 from zpm2.regions import resolve_device
 
 SIFT = Config(points=PointsConfig(methods=("sift",)), device="cpu")
@@ -336,3 +337,12 @@ def test_a_segmenter_without_prompts_is_told(pair: Pair) -> None:
     assert "guided" not in found.timings
     given = PolygonMatcher(GUIDED, segmenter=regions(pair), points=Given(grid_points(-5)))(pair.left, pair.right)
     assert not any("prompts" in warning for warning in given.warnings)
+
+
+def test_points_on_pixels_without_data_are_left_out() -> None:
+    valid = np.ones((40, 60), bool)
+    valid[:, :30] = False
+    images = Image(np.zeros((40, 60, 3), np.uint8), valid=valid), Image(np.zeros((40, 60, 3), np.uint8))
+    at = np.array([[29.5, 10.0], [30.5, 10.0], [59.9, 39.9]])
+    kept = on_data(PointMatches(at, at, np.ones(3)), images)
+    assert kept.left.tolist() == at[1:].tolist()

@@ -5,6 +5,8 @@ Points come first, because with guided re-detection they say where the regions o
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
@@ -13,7 +15,7 @@ from zpm2.features import PointMatcher
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.io.images import read_image
 from zpm2.local_match import match_polygons
-from zpm2.model import PolygonMatch
+from zpm2.model import Image, PointMatches, PolygonMatch
 from zpm2.regions import Clock, Detected, ImageLike, Progress, RegionStages, no_matches, resolve_device
 from zpm2.result import MatchResult
 
@@ -56,7 +58,7 @@ class PolygonMatcher:
             matcher = self._load_points()
             self._regions.load()
         with clock("points"):
-            points = matcher.match(*images)
+            points = on_data(matcher.match(*images), images)
             initial = initial_geometry(points, config.global_match, config.seed)
         with clock("detect"):
             found = self._regions.detect(images, initial)
@@ -104,6 +106,15 @@ class PolygonMatcher:
 
             self._points = features.create(self.config.points, self.device, progress=self._regions.download)
         return self._points
+
+
+def on_data(points: PointMatches, images: tuple[Image, Image]) -> PointMatches:
+    """The points that lie on pixels that hold data, in both images."""
+    for side, image in zip(("left", "right"), images, strict=True):
+        if image.valid is not None:
+            column, row = np.clip(getattr(points, side), 0, [image.width - 1, image.height - 1]).astype(np.intp).T
+            points = points[image.valid[row, column]]
+    return points
 
 
 def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:

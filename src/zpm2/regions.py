@@ -20,7 +20,7 @@ from zpm2.local_match.guidance import Guidance
 from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch
 from zpm2.result import Side
 
-ImageLike = str | Path | NDArray[Any] | PIL.Image.Image
+ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
 
 

@@ -113,11 +113,17 @@ class SamView:
         return covered.astype(bool)
 
     def masks(self, answers: Answers) -> list[Mask]:
-        """Each answer at the image's resolution."""
+        """Each answer at the image's resolution, without pixels that hold no data."""
         if len(answers) == 0:
             return []
         each = zip(answers.logits, masks.boxes(answers.bits), answers.score, strict=True)
-        return [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
+        found = [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
+        valid = self.image.valid
+        if valid is not None:
+            for mask in found:
+                rows, columns = mask.bits.shape
+                mask.bits[...] &= valid[mask.y0 : mask.y0 + rows, mask.x0 : mask.x0 + columns]
+        return found
 
 
 def decoded_size(image: Image) -> tuple[int, int]:

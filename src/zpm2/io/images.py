@@ -47,11 +47,12 @@ _UNDO_ORIENTATION = {
 _pil_lock = threading.Lock()
 
 
-def read_image(source: str | Path | NDArray[Any] | PIL.Image.Image, name: str = "image") -> Image:
+def read_image(source: str | Path | NDArray[Any] | PIL.Image.Image | Image, name: str = "image") -> Image:
     """8-bit RGB pixels of a photograph in its stored pixel frame, with a note for everything that was done to them.
 
     source: a path; an array (h, w), (h, w, 1), (h, w, 3) or (h, w, 4) of bool, integers or floats, channels in RGB(A)
-        order; or a PIL picture of any mode. name: what error messages call it, for example "left image".
+        order; a PIL picture of any mode; or an `Image`, which is taken as it is. name: what error messages call it,
+        for example "left image".
 
     Grey becomes RGB, alpha is dropped, other colour models are converted. Floats within 0..1 are scaled by 255; floats
     and wide integers within 0..255 are taken as they are; all other values, and those that use less than a quarter of
@@ -61,6 +62,9 @@ def read_image(source: str | Path | NDArray[Any] | PIL.Image.Image, name: str = 
     Raises `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file, NaN, a
     wrong shape or type, a side under 32 px, more than 1 gigapixel.
     """
+    if isinstance(source, Image):
+        _check(source.rgb, name)
+        return source
     if isinstance(source, str | Path):
         what = f"{name} {source}"
         values, notes = _from_file(Path(source), what)
@@ -197,21 +201,29 @@ def _alpha_note(alpha: NDArray[Any]) -> str:
 
 
 def _to_8bit(values: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
-    """Floats or integers as 8 bit, and the note that says by which range. See `read_image` for the rule."""
+    """Floats or integers as 8 bit, and the note that says by which range."""
+    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
+    low, high, note = brightness(values, values[::step, ::step])
+    return scaled(values, low, high), note
+
+
+def brightness(values: NDArray[Any], sample: NDArray[Any]) -> tuple[float, float, str]:
+    """Which values of a photograph become 0 and 255, and the note that says so; see `read_image` for the rule.
+    `sample` is enough of `values` for the percentiles."""
     floating = values.dtype.kind == "f"
     kind = f"{values.dtype.itemsize * 8}-bit {'floats' if floating else 'integers'}"
-    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
-    low, high = (float(v) for v in np.percentile(values[::step, ::step].astype(np.float64), STRETCH))
+    low, high = (float(v) for v in np.percentile(sample.astype(np.float64), STRETCH))
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
         if least >= 0 and most <= full and high >= full / 4:
-            return _scaled(values, 0.0, full), f"The {kind} were read as brightness from 0 to {full:g}."
+            return 0.0, full, f"The {kind} were read as brightness from 0 to {full:g}."
     if high <= low:
         low, high = least, most
-    return _scaled(values, low, high), f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
+    return low, high, f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
 
 
-def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+def scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    """Values as 8 bit: `low` becomes 0 and `high` 255."""
     scale = 255 / (high - low) if high > low else 0.0
     out = np.empty(values.shape, np.uint8)
     for row in range(0, len(values), 256):

@@ -15,7 +15,9 @@ class Georeference:
     """A coordinate reference system, the affine map into it, a sensor model: what a file has of them."""
 
     crs: str | None = None  # "EPSG:32632", or WKT where it has no code
-    transform: Array | None = None  # (2, 3) image px, outer-corner origin, to coordinates of `crs` (GDAL's geotransform)
+    transform: Array | None = (
+        None  # (2, 3) image px, outer-corner origin, to coordinates of `crs` (GDAL's geotransform)
+    )
     rpc: Mapping[str, Any] | None = None  # rational polynomial coefficients, as GDAL names them
     gsd: float | None = None  # m on the ground per px; None where nothing says it
 
