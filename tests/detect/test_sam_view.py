@@ -103,3 +103,12 @@ def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> N
     torch = SamSegmenter(SegmentConfig(backend="torch")).view(view.image)
     for prompts in (Prompts.at(points[:4]), boxed(points[:4])):
         assert same(torch.ask(prompts, EVERYTHING), view.ask(prompts, EVERYTHING))
+
+
+def test_no_region_over_pixels_without_data(view: SamView, points: np.ndarray) -> None:
+    valid = np.ones((view.image.height, view.image.width), bool)
+    valid[:, : view.image.width // 2] = False
+    part = SamSegmenter(SegmentConfig()).view(Image(view.image.rgb, valid=valid))
+    whole, cut = (v.masks(v.ask(Prompts.at(points), Floor(0.8, 0.9))) for v in (view, part))
+    assert sum(mask.area for mask in whole) > sum(mask.area for mask in cut) > 0
+    assert all(not mask.bits[:, : max(0, view.image.width // 2 - mask.x0)].any() for mask in cut)
