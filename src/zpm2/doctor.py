@@ -10,7 +10,7 @@ from zpm2._version import __version__
 
 PACKAGES = (
     *("torch", "kornia", "openvino", "poselib", "opencv-python-headless", "shapely", "numpy", "scipy"),
-    *("pycolmap", "trimesh", "embreex", "laspy", "pyarrow"),
+    *("pycolmap", "trimesh", "embreex", "laspy", "rasterio", "pyogrio", "pyarrow"),
 )
 
 

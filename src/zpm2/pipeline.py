@@ -46,7 +46,7 @@ class PolygonMatcher:
         self._points = points
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair. Inputs are paths, arrays (grey, RGB, 8 or 16 bit) or PIL images.
+        """Match one pair. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`.
 
         Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
         overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.

@@ -42,7 +42,7 @@ def layer(geo, name="left", polygons=POLYGONS):
 
 
 def utm(transform=NORTH_UP, gsd=0.1):
-    return Georeference("EPSG:32632", transform, None, gsd)
+    return Georeference("EPSG:32632", transform, gsd)
 
 
 def read(path, name=None):
@@ -135,7 +135,7 @@ def test_area_by_the_crs_where_nothing_says_the_gsd(tmp_path):
 
 
 def test_a_local_system(tmp_path):
-    site = layer(Georeference(SITE, NORTH_UP, None, 0.1))
+    site = layer(Georeference(SITE, NORTH_UP, 0.1))
     crs, shapes, _ = read(packed(tmp_path, site), "left")
     assert "site" in crs
     assert shapely.area(shapes) == pytest.approx(AREAS * 0.01, rel=1e-6)

@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from zpm2.errors import InputError
 from zpm2.io import images, read_image
+from zpm2.model import Image
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 50, 3), np.uint8)
@@ -241,3 +242,10 @@ def test_pil_limit_is_ours_while_reading_and_untouched_afterwards(tmp_path, monk
     assert PIL.Image.MAX_IMAGE_PIXELS == 1000
     with pytest.raises(InputError, match="gigapixel"):
         read_image(np.zeros((100, 100), np.uint8))
+
+
+def test_an_image_is_taken_as_it_is() -> None:
+    image = Image(np.zeros((40, 60, 3), np.uint8), valid=np.ones((40, 60), bool))
+    assert read_image(image) is image
+    with pytest.raises(InputError, match="each side must have at least"):
+        read_image(Image(np.zeros((8, 60, 3), np.uint8)))

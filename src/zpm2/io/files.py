@@ -25,7 +25,7 @@ def atomic_write(path: str | Path, content: bytes | str) -> Path:
             file.write(data)
         os.replace(temporary, path)
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {_why(error, path)}") from error
+        raise OutputError(f"cannot write {path}: {why(error, path)}") from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()  # gone already, unless something went wrong
@@ -48,7 +48,7 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
         with tempfile.TemporaryFile(dir=path) as file:
             file.write(b"\0")
     except OSError as error:
-        raise OutputError(f"cannot write into output folder {path}: {_why(error, path)}") from error
+        raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
     return path
 
 
@@ -59,7 +59,8 @@ def _same(a: Path, b: Path) -> bool:
         return False
 
 
-def _why(error: OSError, path: Path) -> str:
+def why(error: OSError, path: Path) -> str:
+    """Why `path` could not be written and what to do, for the end of an `OutputError`'s line."""
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return "permission denied; give a folder that you may write to"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):

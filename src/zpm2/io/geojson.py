@@ -115,19 +115,24 @@ def region_id(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
+def properties(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
+    """What a feature says of a polygon beside its outline; area in px^2, the partner by its id."""
+    return {
+        "area": polygon.area,
+        "score": polygon.score,
+        "parent": polygon.parent,
+        "label": polygon.label,
+        "match": partner,
+        "confidence": confidence,
+    }
+
+
 def _feature(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
     rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
     return {
         "type": "Feature",
         "id": polygon.id,
-        "properties": {
-            "area": polygon.area,
-            "score": polygon.score,
-            "parent": polygon.parent,
-            "label": polygon.label,
-            "match": partner,
-            "confidence": confidence,
-        },
+        "properties": properties(polygon, partner, confidence),
         "geometry": {"type": "Polygon", "coordinates": rings},
     }
 

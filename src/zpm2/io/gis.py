@@ -16,7 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency, OutputError
-from zpm2.io.files import _why
+from zpm2.io import geojson
+from zpm2.io.files import why
 from zpm2.model import Georeference, Polygon, PolygonArrays, PolygonMatch
 
 Array = NDArray[np.float64]
@@ -126,15 +127,8 @@ def feature_collection(layer: Layer) -> dict[str, Any]:
     meters = _square_meters(layer.geo)
     features = []
     for k, polygon in enumerate(layer.polygons):
-        partner, confidence = layer.match_of.get(polygon.id, (None, None))
-        properties = {
-            "area": polygon.area,
+        properties = geojson.properties(polygon, *layer.match_of.get(polygon.id, (None, None))) | {
             "area_m2": None if meters is None else polygon.area * meters,
-            "score": polygon.score,
-            "parent": polygon.parent,
-            "label": polygon.label,
-            "match": partner,
-            "confidence": confidence,
             "unmatched": layer.unmatched.get(polygon.id),
         }
         geometry = {"type": "Polygon", "coordinates": rings[first_ring[k] : first_ring[k + 1]]}
@@ -309,6 +303,6 @@ def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=".", suffix=".part", dir=parent, ignore_cleanup_errors=True) as folder:
             yield Path(folder)
     except OSError as error:
-        raise OutputError(f"cannot write {target}: {_why(error, target)}") from error
+        raise OutputError(f"cannot write {target}: {why(error, target)}") from error
     except RuntimeError as error:  # all of pyogrio's
         raise OutputError(f"cannot write {target}: {' '.join(str(error).split())}") from error

@@ -201,29 +201,21 @@ def _alpha_note(alpha: NDArray[Any]) -> str:
 
 
 def _to_8bit(values: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
-    """Floats or integers as 8 bit, and the note that says by which range."""
-    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
-    low, high, note = brightness(values, values[::step, ::step])
-    return scaled(values, low, high), note
-
-
-def brightness(values: NDArray[Any], sample: NDArray[Any]) -> tuple[float, float, str]:
-    """Which values of a photograph become 0 and 255, and the note that says so; see `read_image` for the rule.
-    `sample` is enough of `values` for the percentiles."""
+    """Floats or integers as 8 bit, and the note that says by which range. See `read_image` for the rule."""
     floating = values.dtype.kind == "f"
     kind = f"{values.dtype.itemsize * 8}-bit {'floats' if floating else 'integers'}"
-    low, high = (float(v) for v in np.percentile(sample.astype(np.float64), STRETCH))
+    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
+    low, high = (float(v) for v in np.percentile(values[::step, ::step].astype(np.float64), STRETCH))
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
         if least >= 0 and most <= full and high >= full / 4:
-            return 0.0, full, f"The {kind} were read as brightness from 0 to {full:g}."
+            return _scaled(values, 0.0, full), f"The {kind} were read as brightness from 0 to {full:g}."
     if high <= low:
         low, high = least, most
-    return low, high, f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
+    return _scaled(values, low, high), f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
 
 
-def scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
-    """Values as 8 bit: `low` becomes 0 and `high` 255."""
+def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
     scale = 255 / (high - low) if high > low else 0.0
     out = np.empty(values.shape, np.uint8)
     for row in range(0, len(values), 256):

@@ -1,8 +1,6 @@
 """Where a photograph lies on the ground, as its file says it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +10,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """A coordinate reference system, the affine map into it, a sensor model: what a file has of them."""
+    """A coordinate reference system, the affine map into it, the size of a pixel: what is known of them."""
 
     crs: str | None = None  # "EPSG:32632", or WKT where it has no code
-    transform: Array | None = (
-        None  # (2, 3) image px, outer-corner origin, to coordinates of `crs` (GDAL's geotransform)
-    )
-    rpc: Mapping[str, Any] | None = None  # rational polynomial coefficients, as GDAL names them
+    transform: Array | None = None  # (2, 3) from image px to coordinates of `crs`, as GDAL's geotransform
     gsd: float | None = None  # m on the ground per px; None where nothing says it
 
     def to_world(self, points: Array) -> Array:
