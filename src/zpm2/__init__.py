@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
     from zpm2.model import Polygon, PolygonMatch
-    from zpm2.pipeline import PolygonMatcher, match
+    from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
+    from zpm2.tiled import TiledMatcher, match
 
 __all__ = [
     "Config",
@@ -25,6 +26,7 @@ __all__ = [
     "Polygon",
     "PolygonMatch",
     "PolygonMatcher",
+    "TiledMatcher",
     "Zpm2Error",
     "__version__",
     "match",
@@ -38,8 +40,9 @@ _HOME = {
     "Polygon": "zpm2.model",
     "PolygonMatch": "zpm2.model",
     "PolygonMatcher": "zpm2.pipeline",
+    "TiledMatcher": "zpm2.tiled",
     "Zpm2Error": "zpm2.errors",
-    "match": "zpm2.pipeline",
+    "match": "zpm2.tiled",
     "preset": "zpm2.config",
 }
 

@@ -96,6 +96,25 @@ class GuidedConfig:
 
 
 @dataclass(frozen=True)
+class RasterConfig:
+    """Georeferenced and many-band photographs (extra `geo`)."""
+
+    bands: tuple[int, ...] = ()  # one (grey) or three (R, G, B), from 1 on; none: those that the file says are colours
+    gsd: tuple[float, ...] = ()  # m on the ground per px, one or left and right; none: what the files say
+    min_area_m2: float = 0.0  # m^2 on the ground; smaller polygons are left out, `segment.min_area` counts too
+
+
+@dataclass(frozen=True)
+class TilesConfig:
+    """Large photographs, seen in overlapping tiles of several scales."""
+
+    mode: Literal["off", "on", "auto"] = "off"  # auto: pairs of which one has more than 16 megapixels
+    size: int = 2048  # px, side of the finest tiles; each level above has tiles three times as wide
+    overlap: float = 0.125  # 0..1, share of a tile's side that neighbouring tiles have in common at least
+    outside: bool = True  # also segment what only one of the photographs shows
+
+
+@dataclass(frozen=True)
 class PoseConfig:
     """Relative pose from matched polygons (paper 3.5.1)."""
 
@@ -137,6 +156,8 @@ class Config:
     global_match: GlobalConfig = field(default_factory=GlobalConfig)
     local_match: LocalConfig = field(default_factory=LocalConfig)
     guided: GuidedConfig = field(default_factory=GuidedConfig)
+    raster: RasterConfig = field(default_factory=RasterConfig)
+    tiles: TilesConfig = field(default_factory=TilesConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
     seed: int = 0
@@ -227,6 +248,14 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be at least 32 px, got {value}")
     if name in ("pose.noise_px", "cloud.step", "cloud.min_scale") and value == 0:
         raise ConfigError(f"{name} must be above 0, got {value}")
+    if name == "tiles.size" and value < 256:
+        raise ConfigError(f"{name} must be at least 256 px, got {value}")
+    if name == "tiles.overlap" and value > 0.5:
+        raise ConfigError(f"{name} is a share from 0 to 0.5, got {value}")
+    if name == "raster.bands" and (len(value) not in (0, 1, 3) or min(value, default=1) < 1):
+        raise ConfigError(f"{name} are one or three band numbers from 1 on, got {','.join(map(str, value))}")
+    if name == "raster.gsd" and (len(value) > 2 or min(value, default=1) <= 0):
+        raise ConfigError(f"{name} is one number of m per px above 0, or two (left, right)")
     if name == "local_match.patch" and value < 4:
         raise ConfigError(f"{name} must be at least 4 px, got {value}")
     if name in SHARES and value > 1:
@@ -315,6 +344,7 @@ PRESETS: dict[str, Config] = {
         points=PointsConfig(look_again=True),
         local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
         guided=GuidedConfig(direction="both"),
+        tiles=TilesConfig(mode="auto"),
         pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),
         cloud=CloudConfig(diffusion="surface"),
     ),

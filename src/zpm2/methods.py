@@ -19,13 +19,13 @@ def check_method(name: str) -> None:
 
 
 def open_method(name: str, config: "Config", **options: Any) -> "Callable[[Any, Any], MatchResult]":
-    """What matches a pair by that method. `options` are those that `PolygonMatcher` and `BaselineMatcher` share:
-    segmenter, progress, say."""
+    """What matches a pair by that method. `options` are those that `TiledMatcher` and `BaselineMatcher` share:
+    segmenter, progress, say; the former takes `kept` as well."""
     check_method(name)
     if name == "zpm2":
-        from zpm2.pipeline import PolygonMatcher
+        from zpm2.tiled import TiledMatcher
 
-        return PolygonMatcher(config, **options)
+        return TiledMatcher(config, **options)
     from zpm2.baselines import BaselineMatcher
 
     return BaselineMatcher(name, config, **options)

@@ -4,6 +4,8 @@ Points come first, because with guided re-detection they say where the regions o
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -14,10 +16,13 @@ from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.io.images import read_image
+from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
-from zpm2.model import Image, PointMatches, PolygonMatch
-from zpm2.regions import Clock, Detected, ImageLike, Progress, RegionStages, no_matches, resolve_device
-from zpm2.result import MatchResult
+from zpm2.local_match.carry import Carried, backwards, carry, forwards
+from zpm2.local_match.unmatched import reasons, visible
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.regions import Clock, Detected, Progress, RegionStages, no_matches, resolve_device
+from zpm2.result import MatchResult, Side
 
 
 class PolygonMatcher:
@@ -72,6 +77,7 @@ class PolygonMatcher:
                 placement, candidates = self._place(found, initial)
                 matches = self._match(found, initial, placement, candidates)
         sides, matches = found.sides(matches)
+        sides = self._explained(sides, matches, initial)
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -88,6 +94,26 @@ class PolygonMatcher:
                 *no_matches(matches),
             ],
         )
+
+    def regions(self, image: Image, side: Literal["left", "right"] = "left") -> list[Polygon]:
+        """The polygons of one photograph, segmented alone, by the segmenter of that side."""
+        return self._regions.alone(image, side)
+
+    def segmenters(self) -> tuple[Segmenter, Segmenter]:
+        """Those of the left and the right image, loaded, to be given to another matcher."""
+        return self._regions.load()
+
+    def _explained(
+        self, sides: tuple[Side, Side], matches: Sequence[PolygonMatch], initial: InitialGeometry
+    ) -> tuple[Side, Side]:
+        """Both sides, with the reason why a polygon has no partner."""
+        left, right = (PolygonArrays(side.polygons) for side in sides)
+        config = self.config.local_match
+        there, here = (
+            carry(arrays, *carrier, config.gamma)
+            for arrays, carrier in ((left, forwards(initial)), (right, backwards(initial)))
+        )
+        return explained(sides, (left, right), matches, (there, here), config.min_overlap)
 
     def _place(self, found: Detected, initial: InitialGeometry) -> tuple[Placement, Candidates]:
         config, polygons = self.config.global_match, found.polygons
@@ -117,9 +143,27 @@ def on_data(points: PointMatches, images: tuple[Image, Image]) -> PointMatches:
     return points
 
 
-def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
-    """Match the polygons of one pair of photographs. For many pairs, keep a `PolygonMatcher`."""
-    return PolygonMatcher(config)(left, right)
+def explained(
+    sides: tuple[Side, Side],
+    polygons: tuple[PolygonArrays, PolygonArrays],
+    matches: Sequence[PolygonMatch],
+    carried: tuple[Carried, Carried],
+    min_overlap: float,
+) -> tuple[Side, Side]:
+    """Both sides with their `unmatched`. `carried` are the left polygons in the right image, and the right ones in the
+    left; a side's `image` may be a reduced one."""
+    rows = [{int(id): k for k, id in enumerate(arrays.ids)} for arrays in polygons]
+    partners = np.full(len(polygons[0]), -1, np.int64), np.full(len(polygons[1]), -1, np.int64)
+    for match in matches:
+        i, j = rows[0][match.left], rows[1][match.right]
+        partners[0][i], partners[1][j] = j, i
+    found = []
+    for k, side in enumerate(sides):
+        other = sides[1 - k]
+        seen = visible(carried[k], (other.width, other.height), None if other.image is None else other.image.valid)
+        why = reasons(polygons[k], polygons[1 - k], partners[k], carried[k], seen, min_overlap)
+        found.append(replace(side, unmatched=why))
+    return found[0], found[1]
 
 
 def _placement_warnings(placement: Placement, config: Config) -> list[str]:

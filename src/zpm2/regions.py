@@ -3,12 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
-from typing import Any
-
-import PIL.Image
-from numpy.typing import NDArray
+from typing import Literal
 
 from zpm2.config import Config
 from zpm2.detect.protocol import PolygonSource, PromptedSegmenter, Segmenter
@@ -20,7 +16,6 @@ from zpm2.local_match.guidance import Guidance
 from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch
 from zpm2.result import Side
 
-ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
 
 
@@ -92,6 +87,10 @@ class RegionStages:
         (left, right), notes = zip(*found, strict=True)
         warnings = _region_warnings(images, notes, (left, right)) + ([why_not] if why_not else [])
         return Detected(images, (PolygonArrays(left), PolygonArrays(right)), warnings)
+
+    def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
+        """The polygons of one image by the segmenter of that side, whatever the other image shows."""
+        return self._polygons(self.load()[side == "right"], image)[0]
 
     def redetect(self, found: "Detected", matches: Sequence[PolygonMatch], initial: InitialGeometry) -> "Detected":
         """`found` and what asking the left image about the unmatched right polygons adds."""

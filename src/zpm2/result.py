@@ -18,11 +18,11 @@ from zpm2.config import Config
 from zpm2.errors import Failed, InputError
 from zpm2.io import geojson
 from zpm2.io.files import atomic_write, output_folder
-from zpm2.io.images import read_image
+from zpm2.io.source import open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
-from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.model import Georeference, Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.view.overlay import overlay
 
 SCHEMA = "zpm2-matches/1"
@@ -36,7 +36,9 @@ class Side:
     height: int  # px
     polygons: Sequence[Polygon]
     path: str | None = None
-    image: Image | None = None  # the pixels, while they are in memory
+    image: Image | None = None  # the pixels while they are in memory, of a large photograph those of a reduced one
+    geo: Georeference = field(default_factory=Georeference)
+    unmatched: Mapping[int, str] = field(default_factory=dict)  # id -> why a polygon has no partner
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +77,33 @@ class MatchResult:
             if pair is not None
         ]
         gone = len(self.matches) - len(matches)
+        lost = [(m.left, m.right) for m, pair in zip(self.matches, kept, strict=True) if pair is None]
         notes = [f"made non-overlapping, {gone} of {len(self.matches)} matches lost their regions"] if gone else []
         return dataclasses.replace(
             self,
-            left=_with_polygons(self.left, [pair[0] for pair in kept if pair is not None]),
-            right=_with_polygons(self.right, [pair[1] for pair in kept if pair is not None]),
+            left=_with_polygons(self.left, [pair[0] for pair in kept if pair is not None], [a for a, _ in lost]),
+            right=_with_polygons(self.right, [pair[1] for pair in kept if pair is not None], [b for _, b in lost]),
             matches=matches,
             warnings=[*self.warnings, *notes],
             non_overlapping=True,
+        )
+
+    def without_smaller(self, left: float, right: float) -> "MatchResult":
+        """The same without polygons under `left` and `right` px^2 and their matches."""
+        kept = [
+            [polygon for polygon in side.polygons if polygon.area >= least]
+            for side, least in ((self.left, left), (self.right, right))
+        ]
+        ids = [{polygon.id for polygon in polygons} for polygons in kept]
+        alone = [
+            dict.fromkeys((getattr(m, own) for m in self.matches if getattr(m, other) not in known), "no candidate")
+            for own, other, known in (("left", "right", ids[1]), ("right", "left", ids[0]))
+        ]
+        return dataclasses.replace(
+            self,
+            left=_only(self.left, kept[0], alone[0]),
+            right=_only(self.right, kept[1], alone[1]),
+            matches=[match for match in self.matches if match.left in ids[0] and match.right in ids[1]],
         )
 
     def with_outlines(self, step: float = 2.0) -> "MatchResult":
@@ -113,7 +134,7 @@ class MatchResult:
 
     def images(self) -> tuple[Image, Image]:
         """The photographs; `InputError` for a loaded result of which they are no longer where they were."""
-        return _pixels(self.left, "left"), _pixels(self.right, "right")
+        return _pixels(self.left, "left", self.config), _pixels(self.right, "right", self.config)
 
     def _pairs(self) -> list[tuple[Polygon, Polygon]]:
         """The polygons of each match."""
@@ -135,13 +156,9 @@ class MatchResult:
             "version": self.version,
             "config": dict(self.config),
             "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
-            "left": _side_to_dict(self.left),
-            "right": _side_to_dict(self.right),
-            "points": {
-                "left": self.points.left.tolist(),
-                "right": self.points.right.tolist(),
-                "score": self.points.score.tolist(),
-            },
+            "left": side_to_dict(self.left),
+            "right": side_to_dict(self.right),
+            "points": points_to_dict(self.points),
             "fundamental": _matrix_to_list(self.fundamental),
             "homography": _matrix_to_list(self.homography),
             "non_overlapping": self.non_overlapping,
@@ -164,8 +181,12 @@ class MatchResult:
 
         `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
-        left, right = self.images()
-        pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width)
+        sides = self.left, self.right
+        left, right = (
+            _pixels(side, name, self.config, max_width) for side, name in zip(sides, ("left", "right"), strict=True)
+        )
+        sizes = (self.left.width, self.left.height), (self.right.width, self.right.height)
+        pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width, sizes)
         return PIL.Image.fromarray(pixels)
 
     def save(self, directory: str | Path) -> Path:
@@ -201,13 +222,27 @@ class MatchResult:
             raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
 
 
-def _with_polygons(side: Side, polygons: Sequence[Polygon]) -> Side:
-    """The side with `polygons` in the place of those that have their ids."""
+def _only(side: Side, polygons: Sequence[Polygon], alone: Mapping[int, str]) -> Side:
+    """The side with no other polygons than these; a parent that is not among them is none. `alone` says why those have
+    no partner whose partner went."""
+    ids = {polygon.id for polygon in polygons}
+    adopted = [p if p.parent is None or p.parent in ids else dataclasses.replace(p, parent=None) for p in polygons]
+    unmatched = {id: why for id, why in {**side.unmatched, **alone}.items() if id in ids}
+    return dataclasses.replace(side, polygons=adopted, unmatched=unmatched)
+
+
+def _with_polygons(side: Side, polygons: Sequence[Polygon], lost: Sequence[int]) -> Side:
+    """The side with `polygons` in the place of those that have their ids; those of the ids `lost` have no partner any
+    more."""
     new = {polygon.id: polygon for polygon in polygons}
-    return dataclasses.replace(side, polygons=[new.get(polygon.id, polygon) for polygon in side.polygons])
+    unmatched = {**side.unmatched, **dict.fromkeys(lost, "rejected")}
+    return dataclasses.replace(
+        side, polygons=[new.get(polygon.id, polygon) for polygon in side.polygons], unmatched=unmatched
+    )
 
 
-def _side_to_dict(side: Side) -> dict[str, Any]:
+def side_to_dict(side: Side) -> dict[str, Any]:
+    """A side of `matches.json`."""
     polygons = [
         {
             "id": p.id,
@@ -217,10 +252,27 @@ def _side_to_dict(side: Side) -> dict[str, Any]:
             "score": p.score,
             "parent": p.parent,
             **({"label": p.label} if p.label is not None else {}),
+            **({"unmatched": side.unmatched[p.id]} if p.id in side.unmatched else {}),
         }
         for p in side.polygons
     ]
-    return {"path": side.path, "width": side.width, "height": side.height, "polygons": polygons}
+    geo = {
+        "crs": side.geo.crs,
+        "transform": None if side.geo.transform is None else side.geo.transform.tolist(),
+        "gsd": side.geo.gsd,
+    }
+    return {"path": side.path, "width": side.width, "height": side.height, **geo, "polygons": polygons}
+
+
+def points_to_dict(points: PointMatches) -> dict[str, Any]:
+    """The points of `matches.json`."""
+    return {"left": points.left.tolist(), "right": points.right.tolist(), "score": points.score.tolist()}
+
+
+def points_from_dict(values: Mapping[str, Any]) -> PointMatches:
+    """The points that `points_to_dict` wrote. `KeyError` or `ValueError` for others."""
+    left, right, score = (np.array(values[name], np.float64) for name in ("left", "right", "score"))
+    return PointMatches(left.reshape(-1, 2), right.reshape(-1, 2), score)
 
 
 def _match_to_dict(match: PolygonMatch) -> dict[str, Any]:
@@ -242,12 +294,11 @@ def _matrix_to_list(matrix: NDArray[np.float64] | Failed) -> list[list[float]] |
 
 
 def _from_dict(document: Mapping[str, Any]) -> MatchResult:
-    points = {name: np.array(document["points"][name], np.float64) for name in ("left", "right", "score")}
     return MatchResult(
-        left=_side_from_dict(document["left"]),
-        right=_side_from_dict(document["right"]),
+        left=side_from_dict(document["left"]),
+        right=side_from_dict(document["right"]),
         matches=[_match_from_dict(match) for match in document["matches"]],
-        points=PointMatches(points["left"].reshape(-1, 2), points["right"].reshape(-1, 2), points["score"]),
+        points=points_from_dict(document["points"]),
         fundamental=_matrix_from_list(document["fundamental"], "fundamental matrix"),
         homography=_matrix_from_list(document["homography"], "homography"),
         config=dict(document["config"]),
@@ -268,7 +319,8 @@ def _match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
     )
 
 
-def _side_from_dict(values: Mapping[str, Any]) -> Side:
+def side_from_dict(values: Mapping[str, Any]) -> Side:
+    """The side that `side_to_dict` wrote. `KeyError`, `TypeError` or `ValueError` for others."""
     polygons = [
         Polygon(
             id=index(p["id"]),
@@ -280,7 +332,14 @@ def _side_from_dict(values: Mapping[str, Any]) -> Side:
         )
         for p in values["polygons"]
     ]
-    return Side(int(values["width"]), int(values["height"]), polygons, values["path"])
+    transform = values.get("transform")
+    geo = Georeference(
+        values.get("crs"),
+        None if transform is None else np.array(transform, np.float64).reshape(2, 3),
+        values.get("gsd"),
+    )
+    unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
+    return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
 
 
 def _ring(values: Any) -> NDArray[np.float64]:
@@ -302,15 +361,20 @@ def _option(config: Mapping[str, Any], stage: str, name: str) -> float:
     return value if isinstance(value, int | float) and value > 0 else usual
 
 
-def _pixels(side: Side, name: str) -> Image:
-    if side.image is not None:
+def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | None = None) -> Image:
+    """The photograph of a side, or a version of it reduced to `longest` px or more where that is at hand."""
+    if side.image is not None and (longest is not None or side.image.width == side.width):
         return side.image
     if side.path is None:
         raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
-    image = read_image(side.path, f"{name} image")
-    if (image.width, image.height) != (side.width, side.height):
-        raise InputError(
-            f"{name} image {side.path} has {image.width} x {image.height} px and had {side.width} x {side.height} px "
-            "when it was matched; run zpm2 match again"
-        )
-    return image
+    raster = config.get("raster")
+    source = open_source(side.path, f"{name} image", raster["bands"] if isinstance(raster, Mapping) else ())
+    try:
+        if (source.width, source.height) != (side.width, side.height):
+            raise InputError(
+                f"{name} image {side.path} has {source.width} x {source.height} px and had {side.width} x "
+                f"{side.height} px when it was matched; run zpm2 match again"
+            )
+        return source.read() if longest is None else reduced(source, longest)
+    finally:
+        source.close()

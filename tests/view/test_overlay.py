@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from zpm2.errors import InputError
 from zpm2.model import Image, Polygon, PolygonMatch
 from zpm2.view import overlay
-from zpm2.view.overlay import GAP, HEADER, _layout, _places, _pole
-from zpm2.view.palette import distinct_colors
+from zpm2.view.overlay import CROWD, GAP, HEADER, _layout, _places, _pole
+from zpm2.view.palette import ALL, distinct_colors
 
 
 def _box(index, x0, y0, x1, y1, hole=None):
@@ -140,3 +140,93 @@ def test_misuse_is_named():
         overlay(image, image, [box], [box], [_match(0, 5)])
     with pytest.raises(InputError, match="two left polygons"):
         overlay(image, image, [box, box], [box], [])
+
+
+def test_polygons_of_larger_photographs_are_scaled_to_their_reduced_versions():
+    box, other = _box(7, 100, 200, 300, 350, hole=(150, 250, 200, 300)), _box(3, 400, 50, 500, 150)
+    large = [_box(7, 400, 1000, 1200, 1750, hole=(600, 1250, 800, 1500))], [_box(3, 800, 150, 1000, 450)]
+    image = Image(np.random.default_rng(3).integers(0, 256, (600, 800, 3), np.uint8))
+    expected = overlay(image, image, [box], [other], [_match(7, 3)])
+    sizes = (3200, 3000), (1600, 1800)
+    assert np.array_equal(overlay(image, image, *large, [_match(7, 3)], sizes=sizes), expected)
+    assert np.array_equal(overlay(image, image, [box], [other], [_match(7, 3)], sizes=((800, 600),) * 2), expected)
+
+
+def _crowd(size, step):
+    """Squares of `size` px every `step` px of an 800 x 600 image, as many matches, and a large one around all."""
+    places = [(x, y) for y in range(20, 580, step) for x in range(20, 780, step)]
+    return [_box(k, x, y, x + size, y + size) for k, (x, y) in enumerate(places)]
+
+
+def _white(panel):
+    return (panel > 245).all(axis=2)
+
+
+def test_in_a_crowd_only_what_has_room_has_a_number():
+    small, big = _crowd(3, 20), _box(9999, 701, 501, 779, 579)
+    polygons = [p for p in small if p.bounds[0] < 690 or p.bounds[1] < 490] + [big]
+    matches = [_match(p.id, p.id) for p in polygons]
+    assert len(matches) > CROWD
+    a, b = _panels(_gray(800, 600), _gray(800, 600), polygons, polygons, matches)
+    for panel in (a, b):
+        rows, columns = np.nonzero(_white(panel)[40:, :])  # not the panel's name
+        assert 1402 < columns.min() < columns.max() < 1558
+        assert 1002 < rows.min() + 40 < rows.max() + 40 < 1158
+        assert _tinted(panel)[43, 43]  # but a colour
+    few, _ = _panels(_gray(800, 600), _gray(800, 600), polygons, polygons, matches[: CROWD - 1])
+    assert _white(few)[40:500].any()
+
+
+def test_a_number_in_a_crowd_is_in_both_photographs_or_in_none():
+    polygons = [*_crowd(3, 20), _box(9999, 301, 301, 379, 379)]
+    right = [*polygons[:-1], _box(9999, 301, 301, 304, 304)]
+    matches = [_match(p.id, p.id) for p in polygons]
+    a, b = _panels(_gray(800, 600), _gray(800, 600), polygons, right, matches)
+    assert not _white(a)[40:].any()
+    assert not _white(b)[40:].any()
+
+
+def test_small_regions_of_a_crowd_are_no_blots():
+    polygons = _crowd(3, 20)  # 6 px in the picture
+    a, _ = _panels(_gray(800, 600), _gray(800, 600), polygons, polygons, [_match(p.id, p.id) for p in polygons])
+    changed = (np.abs(a - a[100, 60]).max(axis=2) > 5)[30:90, 30:90]
+    rows, columns = np.nonzero(changed[:30, :30])
+    assert np.ptp(rows) <= 8
+    assert np.ptp(columns) <= 8
+
+
+def test_very_many_unmatched_outlines_are_faint():
+    image = _gray(800, 600)
+    polygons = [
+        _box(k, 8 * (k % 95) + 10, 8 * (k // 95) + 10, 8 * (k % 95) + 14, 8 * (k // 95) + 14) for k in range(6500)
+    ]
+    few, _ = _panels(image, image, polygons[:100], [], [])
+    many, _ = _panels(image, image, polygons, [], [])
+    lift = [int(panel[20, 984].max() - panel[10, 984].max()) for panel in (many, few)]
+    assert 20 < lift[0] < lift[1] - 20
+
+
+def test_neighbours_of_a_crowd_have_different_colours():
+    columns, rows = 60, 40
+    assert columns * rows > ALL
+    boxes = [
+        _box(k, k % columns * 10, k // columns * 10, k % columns * 10 + 10, k // columns * 10 + 10)
+        for k in range(columns * rows)
+    ]
+    grid = np.array(distinct_colors(*_places(boxes))).reshape(rows, columns, 3)
+    for step in (np.diff(grid, axis=0), np.diff(grid, axis=1)):
+        assert (np.linalg.norm(step, axis=2) > 60).all()
+
+
+def test_large_neighbours_have_different_colours_among_many_small_ones():
+    large = [_box(k, k * 200, 0, k * 200 + 200, 200) for k in range(12)]
+    rng = np.random.default_rng(4)
+    small = [_box(99, x, y, x + 2, y + 2) for x, y in rng.uniform(0, (2400, 200), (3000, 2))]
+    colors = np.array(distinct_colors(*_places([*small, *large])), float)
+    assert (np.linalg.norm(np.diff(colors[-12:], axis=0), axis=1) > 60).all()
+    home = np.clip([int(p.exterior[:, 0].mean() // 200) for p in small], 0, 11)
+    assert (np.linalg.norm(colors[:3000] - colors[3000 + home], axis=1) > 40).mean() > 0.98
+
+
+def test_many_things_in_one_place_have_colours():
+    assert len(distinct_colors(np.zeros((1500, 2)), np.zeros(1500))) == 1500

@@ -15,8 +15,9 @@ from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, Failed
 from zpm2.io.images import read_image
+from zpm2.io.source import ImageLike
 from zpm2.model import PointMatches, Polygon, PolygonMatch
-from zpm2.regions import Clock, ImageLike, Progress, RegionStages, no_matches
+from zpm2.regions import Clock, Progress, RegionStages, no_matches
 from zpm2.result import MatchResult
 
 NOT_ESTIMATED = Failed("not estimated by this method")

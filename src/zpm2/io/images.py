@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -79,15 +79,22 @@ def read_image(source: str | Path | NDArray[Any] | PIL.Image.Image | Image, name
 
 
 def _from_file(path: Path, what: str) -> tuple[NDArray[Any], list[str]]:
+    with opened_file(path, what) as file, _pixel_limit(what):
+        picture = _opened(file, what)
+        deep = picture.mode in ("RGB", "RGBA", "RGBX") and ";16" in str(getattr(picture, "tile", ""))
+        values, notes = _from_pil(picture, what)
+    return _deep_color(path, values, notes) if deep else (values, notes)
+
+
+@contextmanager
+def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
+    """The file, which has something in it, open for reading; `InputError` for what the system has against that."""
     try:
         with path.open("rb") as file:
             if not file.read(1):
                 raise InputError(f"{what} is empty (0 bytes): copy or download it again")
             file.seek(0)
-            with _pixel_limit(what):
-                picture = _opened(file, what)
-                deep = picture.mode in ("RGB", "RGBA", "RGBX") and ";16" in str(getattr(picture, "tile", ""))
-                values, notes = _from_pil(picture, what)
+            yield file
     except FileNotFoundError as error:
         raise InputError(f"{what} does not exist: check the path") from error
     except IsADirectoryError as error:
@@ -96,7 +103,6 @@ def _from_file(path: Path, what: str) -> tuple[NDArray[Any], list[str]]:
         raise InputError(f"{what} may not be read: change its permissions or copy it") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{what} cannot be read: {_one_line(error)}") from error
-    return _deep_color(path, values, notes) if deep else (values, notes)
 
 
 def _opened(file: Any, what: str) -> PIL.Image.Image:
@@ -105,7 +111,7 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
     except PIL.UnidentifiedImageError as error:
         raise InputError(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file") from error
     except _DAMAGE as error:
-        raise _damaged(what, error) from error
+        raise damaged(what, error) from error
 
 
 def _from_pil(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[str]]:
@@ -116,13 +122,13 @@ def _from_pil(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         orientation = _orientation(picture, notes)
         picture.load()
     except _DAMAGE as error:
-        raise _damaged(what, error) from error
+        raise damaged(what, error) from error
     if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
         picture = picture.transpose(_UNDO_ORIENTATION[orientation])
     if pages > 1:
-        notes.append(f"Only the first of {pages} pictures in the file is used.")
+        notes.append(first_page_note(pages))
     if orientation != 1:
-        notes.append(f"The EXIF orientation ({orientation}) is not applied; results are in the stored pixel frame.")
+        notes.append(_orientation_note(orientation))
     if picture.mode in ("P", "PA"):
         notes.append("The colour palette was expanded to RGB.")
     if picture.mode in ("LA", "La", "PA", "RGBa") or (picture.mode == "P" and "transparency" in picture.info):
@@ -136,6 +142,30 @@ def _from_pil(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         except ValueError as error:
             raise InputError(f"{what} has colour model {picture.mode}: convert it to RGB first") from error
     return np.asarray(picture), notes
+
+
+def first_page_note(pages: int) -> str:
+    return f"Only the first of {pages} pictures in the file is used."
+
+
+def orientation_notes(path: str | Path) -> list[str]:
+    """The note for a picture file with an EXIF orientation, whatever its size; none where there is no telling."""
+    notes: list[str] = []
+    with _pil_lock, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="PIL")
+        before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None  # nothing is unpacked
+        try:
+            with PIL.Image.open(path) as picture:
+                orientation = _orientation(picture, notes)
+        except _DAMAGE:
+            return []
+        finally:
+            PIL.Image.MAX_IMAGE_PIXELS = before
+    return notes if orientation == 1 else [*notes, _orientation_note(orientation)]
+
+
+def _orientation_note(orientation: int) -> str:
+    return f"The EXIF orientation ({orientation}) is not applied; results are in the stored pixel frame."
 
 
 def _orientation(picture: PIL.Image.Image, notes: list[str]) -> int:
@@ -165,7 +195,8 @@ def _finish(values: NDArray[Any], notes: list[str], what: str, path: str | None)
         notes = [*notes, _alpha_note(values[..., 3])]
         values = values[..., :3]
     if values.dtype != np.uint8:
-        values, note = _to_8bit(values)
+        low, high, note = brightness_range(values)
+        values = scaled(values, low, high)
         notes = [*notes, note]
     rgb = np.empty((*values.shape[:2], 3), np.uint8)
     rgb[...] = values if values.ndim == 3 else values[..., None]
@@ -178,8 +209,7 @@ def _check(values: NDArray[Any], what: str) -> None:
         hint = ": move the channels last" if values.ndim == 3 and values.shape[0] in (1, 3, 4) else ""
         raise InputError(f"{what}: expected (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), got {shape or 'a scalar'}{hint}")
     height, width = values.shape[:2]
-    if min(height, width) < MIN_SIDE:
-        raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
+    check_sides(width, height, what)
     if height * width > MAX_PIXELS:
         raise _too_large(what)
     if values.dtype.kind not in "buif":
@@ -188,6 +218,11 @@ def _check(values: NDArray[Any], what: str) -> None:
         bad = values.size - int(np.count_nonzero(np.isfinite(values)))
         if bad:
             raise InputError(f"{what} has {bad} NaN or infinite values: replace them before matching")
+
+
+def check_sides(width: int, height: int, what: str) -> None:
+    if min(height, width) < MIN_SIDE:
+        raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
 
 
 def _alpha_note(alpha: NDArray[Any]) -> str:
@@ -200,8 +235,11 @@ def _alpha_note(alpha: NDArray[Any]) -> str:
     return f"The alpha band was dropped; {max(share, 0.001):.1%} of the pixels were transparent."
 
 
-def _to_8bit(values: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
-    """Floats or integers as 8 bit, and the note that says by which range. See `read_image` for the rule."""
+def brightness_range(values: NDArray[Any]) -> tuple[float, float, str]:
+    """The values that become 0 and 255, and the note that says so. See `read_image` for the rule.
+
+    values: (h, w) or (h, w, bands), floats (finite) or integers.
+    """
     floating = values.dtype.kind == "f"
     kind = f"{values.dtype.itemsize * 8}-bit {'floats' if floating else 'integers'}"
     step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
@@ -209,13 +247,14 @@ def _to_8bit(values: NDArray[Any]) -> tuple[NDArray[np.uint8], str]:
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
         if least >= 0 and most <= full and high >= full / 4:
-            return _scaled(values, 0.0, full), f"The {kind} were read as brightness from 0 to {full:g}."
+            return 0.0, full, f"The {kind} were read as brightness from 0 to {full:g}."
     if high <= low:
         low, high = least, most
-    return _scaled(values, low, high), f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
+    return low, high, f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
 
 
-def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+def scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+    """Finite values of any shape as 8 bit: `low` becomes 0 and `high` 255, what lies beyond is cut off."""
     scale = 255 / (high - low) if high > low else 0.0
     out = np.empty(values.shape, np.uint8)
     for row in range(0, len(values), 256):
@@ -242,7 +281,8 @@ def _too_large(what: str) -> InputError:
     return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: cut it into tiles or reduce it")
 
 
-def _damaged(what: str, error: BaseException) -> InputError:
+def damaged(what: str, error: BaseException) -> InputError:
+    """The error for a file whose content cannot be unpacked, with the decoder's own words."""
     return InputError(f"{what} is damaged or cut short ({_one_line(error)}): copy or download it again")
 
 

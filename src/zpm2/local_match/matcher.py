@@ -1,6 +1,7 @@
 """The local matcher (paper 3.4): evaluate candidate pairs, assign them, and match again what is left."""
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,17 +143,58 @@ def match_polygons(
     `guidance` the right polygons that the carried left ones meet are candidates of the first round too, and a match of
     which one polygon was found by asking about the other image is "guided".
     """
+    matches = []
+    for evaluator, evidence, chosen, stage in _rounds(
+        images, polygons, initial, placement, candidates, config, guidance
+    ):
+        matches += _as_matches(evaluator, evidence, chosen, stage)
+    return sorted(matches, key=lambda match: match.left)
+
+
+def possible_matches(
+    images: tuple[Image, Image],
+    polygons: tuple[PolygonArrays, PolygonArrays],
+    initial: InitialGeometry,
+    placement: Placement,
+    candidates: Candidates,
+    config: LocalConfig,
+    guidance: Guidance | None = None,
+) -> list[PolygonMatch]:
+    """Every pair of both rounds of `match_polygons` that costs less than staying unmatched, for `one_to_one` to decide
+    over those of many parts of an image at once. A polygon may be in several."""
+    matches = []
+    for evaluator, evidence, _, stage in _rounds(images, polygons, initial, placement, candidates, config, guidance):
+        matches += _as_matches(evaluator, evidence, np.flatnonzero(evidence.cost < config.iota), stage)
+    return matches
+
+
+def one_to_one(matches: Sequence[PolygonMatch], config: LocalConfig) -> list[PolygonMatch]:
+    """The matches of least cost in all of which each polygon has one at most (LHBGO, 3.4.3), by ascending left id."""
+    left, right, cost = (np.array([getattr(m, name) for m in matches]) for name in ("left", "right", "cost"))
+    chosen = assignment.assign_optimal(Candidates(left.astype(int), right.astype(int)), cost.astype(float), config.iota)
+    return sorted((matches[row] for row in chosen), key=lambda match: match.left)
+
+
+def _rounds(
+    images: tuple[Image, Image],
+    polygons: tuple[PolygonArrays, PolygonArrays],
+    initial: InitialGeometry,
+    placement: Placement,
+    candidates: Candidates,
+    config: LocalConfig,
+    guidance: Guidance | None,
+) -> Iterator[tuple[_Evaluator, Evidence, NDArray[np.int64], Stage]]:
+    """Of both rounds: the evidence of their pairs, and which of these are matched."""
     if len(polygons[0]) == 0 or len(polygons[1]) == 0:
-        return []
+        return
     if guidance is not None:
         candidates = guidance.candidates(candidates, polygons[1])
     evaluator = _Evaluator(images, polygons, initial, placement, config, guidance)
     first = evaluator.evaluate(candidates, placement)
     chosen = _assign(first, config)
-    matches = _as_matches(evaluator, first, chosen, "global")
+    yield evaluator, first, chosen, "global"
     second = _second_round(evaluator, first.pairs[chosen])
-    matches += _as_matches(evaluator, second, _assign(second, config), "local")
-    return sorted(matches, key=lambda match: match.left)
+    yield evaluator, second, _assign(second, config), "local"
 
 
 def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:

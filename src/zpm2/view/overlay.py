@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -21,6 +22,13 @@ SCREEN = 16 / 9  # width / height that the layout comes close to
 MAX_ENLARGEMENT = 2.0  # small photographs are shown up to this much larger, so that labels find room
 GAP = 8  # px between the photographs
 HEADER = 44  # px
+CROWD = 300  # matches; of more, small regions have thin outlines and no numbers
+SMALL = 24  # px, the longer side of such a region
+LEAST = 15  # px, the smallest height of a number
+PALE_CROWD = 3000  # unmatched polygons of one photograph; the outlines of more are fainter
+FAINTEST = 0.2  # 0..1 of the outlines' strength
+HALO = 2  # px around text
+WIDE = 2.0  # a label may be so much wider than the free circle that it is put on
 DARK = (24, 24, 27)
 PALE = (214, 214, 214)
 
@@ -35,6 +43,22 @@ class _Region:
     color: tuple[int, int, int]
     label: str
 
+    @property
+    def side(self) -> int:
+        """Of the box, the longer one, px."""
+        x0, y0, x1, y1 = self.box
+        return max(x1 - x0, y1 - y0)
+
+
+@dataclass(frozen=True)
+class _Label:
+    """Text on a panel, white with a dark halo."""
+
+    text: str
+    at: tuple[float, float]  # panel px
+    size: int  # of the font, px
+    anchor: str
+
 
 def overlay(
     left: Image,
@@ -43,33 +67,46 @@ def overlay(
     right_polygons: Sequence[Polygon],
     matches: Sequence[PolygonMatch],
     max_width: int = 2400,
+    sizes: tuple[tuple[int, int], tuple[int, int]] | None = None,
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: the two photographs side by side, or one above the other where that fits a screen better.
 
     Matched polygons are filled and outlined in one colour and carry the position of their match in `matches`, from 0,
     in both photographs; unmatched ones have a thin pale outline. Larger polygons lie below and are more transparent.
-    max_width: px, no side of the result is longer. The same input gives the same picture. `InputError` where a match
-    names a polygon that is not there.
+    Of more than `CROWD` matches, only those carry a number that have room for it in both photographs.
+    max_width: px, no side of the result is longer. sizes: (width, height) px of the photographs that the polygons'
+    coordinates are of, where `left` and `right` are reduced versions of them; None: the images' own. The same input
+    gives the same picture. `InputError` where a match names a polygon that is not there.
     """
     by_id = _by_id(left_polygons, "left"), _by_id(right_polygons, "right")
     for match in matches:
         if match.left not in by_id[0] or match.right not in by_id[1]:
             raise InputError(f"match {match.left} - {match.right} names a polygon that is not in the lists given")
-    sizes, stacked = _layout((left.width, left.height), (right.width, right.height), max_width)
+    full = sizes or ((left.width, left.height), (right.width, right.height))
+    panel_sizes, stacked = _layout((left.width, left.height), (right.width, right.height), max_width)
     pairs = [(by_id[0][match.left], by_id[1][match.right]) for match in matches]
     colors = distinct_colors(*_places([p for p, _ in pairs]))
-    areas = [max(_share(p, left), _share(q, right)) for p, q in pairs]
-    panels = []
+    areas = [max(_share(p, full[0]), _share(q, full[1])) for p, q in pairs]
+    crowded = len(matches) > CROWD
+    panels, labels = [], []
     for k, (image, polygons) in enumerate(((left, left_polygons), (right, right_polygons))):
-        matched = [_region(pair[k], image, sizes[k], areas[n], colors[n], str(n)) for n, pair in enumerate(pairs)]
+        size, scale = panel_sizes[k], np.array(panel_sizes[k]) / full[k]
+        matched = [_region(pair[k], scale, size, areas[n], colors[n], str(n)) for n, pair in enumerate(pairs)]
         used = {pair[k].id for pair in pairs}
-        others = [_region(p, image, sizes[k], 0, PALE, "") for p in polygons if p.id not in used]
-        panels.append(_panel(image, sizes[k], matched, others, ("left", "right")[k]))
+        others = [ring for p in polygons if p.id not in used for ring in _rings(p, scale)]
+        order = sorted(matched, key=lambda region: -region.area)
+        panel, masks, owner = _panel(image, size, order, others, len(polygons) - len(used), crowded)
+        panels.append(panel)
+        labels.append(_labels(order, masks, owner, ("left", "right")[k], crowded))
+    if crowded:
+        both = {label.text for label in labels[0]} & {label.text for label in labels[1]} | {"left", "right"}
+        labels = [[label for label in side if label.text in both] for side in labels]
+    panels = [_write(panel, side) for panel, side in zip(panels, labels, strict=True)]
     title = (
         f"{len(matches)} {'match' if len(matches) == 1 else 'matches'} of {len(left_polygons)} left and "
         f"{len(right_polygons)} right polygons"
     )
-    return _assemble(panels, stacked, title)
+    return _assemble(panels, stacked, title, crowded)
 
 
 def _by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
@@ -104,29 +141,45 @@ def _places(polygons: Sequence[Polygon]) -> tuple[NDArray[np.float64], NDArray[n
     return boxes.mean(1), np.ptp(boxes, axis=1).max(1, initial=0) / 2
 
 
-def _share(polygon: Polygon, image: Image) -> float:
-    return polygon.area / (image.width * image.height)
+def _share(polygon: Polygon, size: tuple[int, int]) -> float:
+    return polygon.area / (size[0] * size[1])
+
+
+def _rings(polygon: Polygon, scale: NDArray[np.float64]) -> list[NDArray[np.int32]]:
+    """Exterior, then holes, as OpenCV points of the panel in 1/16 px; scale: (2,) panel px per px."""
+    return [np.rint((ring * scale - 0.5) * 16).astype(np.int32) for ring in (polygon.exterior, *polygon.holes)]
 
 
 def _region(
-    polygon: Polygon, image: Image, size: tuple[int, int], area: float, color: tuple[int, int, int], label: str
+    polygon: Polygon,
+    scale: NDArray[np.float64],
+    size: tuple[int, int],
+    area: float,
+    color: tuple[int, int, int],
+    label: str,
 ) -> _Region:
-    scale = np.array(size) / (image.width, image.height)
-    rings = [np.rint((ring * scale - 0.5) * 16).astype(np.int32) for ring in (polygon.exterior, *polygon.holes)]
     low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, size).astype(int)
     high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, size).astype(int)
-    return _Region(rings, (int(low[0]), int(low[1]), int(high[0]), int(high[1])), area, color, label)
+    box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    return _Region(_rings(polygon, scale), box, area, color, label)
 
 
 def _panel(
-    image: Image, size: tuple[int, int], matched: Sequence[_Region], others: Sequence[_Region], name: str
-) -> Pixels:
-    """One photograph, muted, with its polygons."""
+    image: Image,
+    size: tuple[int, int],
+    order: Sequence[_Region],
+    others: Sequence[NDArray[np.int32]],
+    count: int,
+    crowded: bool,
+) -> tuple[Pixels, list[Pixels], NDArray[np.int32]]:
+    """One photograph, muted, with its matched regions, in `order`, and the rings of its `count` others.
+
+    Also, for each region the mask of its box, and (h, w) the uppermost region of each pixel, -1 for none.
+    """
     shrink = size[0] < image.width
     rgb = cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA if shrink else cv2.INTER_CUBIC)
     gray = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     panel = cv2.addWeighted(rgb, 0.35, gray, 0.5, 0)
-    order = sorted(matched, key=lambda region: -region.area)
     owner = np.full(panel.shape[:2], -1, np.int32)
     masks = []
     for k, region in enumerate(order):
@@ -141,60 +194,86 @@ def _panel(
         tint = np.full_like(part, region.color)
         cv2.copyTo(cv2.addWeighted(part, 1 - alpha, tint, alpha, 0), mask, part)
         owner[y0:y1, x0:x1][mask > 0] = k
-    for region in others:
-        cv2.polylines(panel, region.rings, True, PALE, 1, cv2.LINE_AA, shift=4)
+    outlined = cv2.polylines(panel.copy(), others, True, PALE, 1, cv2.LINE_AA, shift=4)
+    strength = max(FAINTEST, min(1.0, PALE_CROWD / max(count, 1)))
+    panel = cv2.addWeighted(outlined, strength, panel, 1 - strength, 0) if strength < 1 else outlined
     for region in order:
-        cv2.polylines(panel, region.rings, True, DARK, 4, cv2.LINE_AA, shift=4)
-        cv2.polylines(panel, region.rings, True, region.color, 2, cv2.LINE_AA, shift=4)
-    return _label(panel, order, masks, owner, name)
+        small = crowded and region.side < SMALL
+        if not small:
+            cv2.polylines(panel, region.rings, True, DARK, 4, cv2.LINE_AA, shift=4)
+        cv2.polylines(panel, region.rings, True, region.color, 1 if small else 2, cv2.LINE_AA, shift=4)
+    return panel, masks, owner
 
 
-def _label(
-    panel: Pixels, order: Sequence[_Region], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str
-) -> Pixels:
-    """The panel with the regions' numbers, small regions first: each at the point farthest from the border of what is
-    seen of its region and from the labels that are there already."""
-    picture = PIL.Image.fromarray(panel)
-    draw = PIL.ImageDraw.Draw(picture)
-    height, width = owner.shape
-    free = np.full((height, width), 255, np.uint8)
-    _write(draw, free, (10, 6), name, 16, "lt")
+def _labels(
+    order: Sequence[_Region], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
+) -> list[_Label]:
+    """The name of the panel and the regions' numbers, small regions first: each at the point farthest from the border
+    of what is seen of its region and from the labels that are there already. In a crowd, only where it has room; tiny
+    regions may lie below it."""
+    tiny = np.array([crowded and region.side < LEAST for region in order] + [False])
+    free = np.full(owner.shape, 255, np.uint8)
+    labels = [_place(_Label(name, (10, 6), 16, "lt"), free)]
     for k in reversed(range(len(order))):
         x0, y0, x1, y1 = order[k].box
-        if not masks[k].any():
+        if not masks[k].any() or (crowded and min(x1 - x0, y1 - y0) < LEAST):
             continue
-        seen = np.where(owner[y0:y1, x0:x1] == k, masks[k], 0).astype(np.uint8)
-        spot, radius = _pole(seen if seen.any() else masks[k], free[y0:y1, x0:x1])
-        font = int(np.clip(radius * 0.9, 15, 28))
-        _write(draw, free, (x0 + spot[0], y0 + spot[1]), order[k].label, font, "mm")
-    return np.asarray(picture)
+        above = owner[y0:y1, x0:x1]
+        seen = np.where((above == k) | tiny[above], masks[k], 0).astype(np.uint8)
+        spot, radius = _pole(seen if crowded or seen.any() else masks[k], free[y0:y1, x0:x1], not crowded)
+        label = _Label(order[k].label, (x0 + spot[0], y0 + spot[1]), int(np.clip(radius * 0.9, LEAST, 28)), "mm")
+        if crowded:
+            u0, v0, u1, v1 = _extent(label)
+            if min(x1 - x0, 2 * radius * WIDE) < u1 - u0 or min(y1 - y0, 2 * radius) < v1 - v0:
+                continue
+        labels.append(_place(label, free))
+    return labels
 
 
-def _pole(mask: Pixels, free: Pixels) -> tuple[tuple[int, int], float]:
-    """(x, y) of the pixel of `mask` farthest from its border and from what is not `free`, and that distance in px."""
+def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, int], float]:
+    """(x, y) of the pixel of `mask` farthest from its border and from what is not `free`, and that distance in px;
+    `anyhow`: what is not free counts too where there is no room."""
     for candidate in (cv2.bitwise_and(mask, free), mask):
         padded = cv2.copyMakeBorder(candidate, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         _, radius, _, (x, y) = cv2.minMaxLoc(cv2.distanceTransform(padded, cv2.DIST_L2, 3))
-        if radius > 1.5:
+        if radius > 1.5 or not anyhow:
             break
     return (x - 1, y - 1), float(radius)
 
 
-def _write(draw: PIL.ImageDraw.ImageDraw, free: Pixels, at: tuple[int, int], text: str, size: int, anchor: str) -> None:
-    """White text with a dark halo, moved inside the panel; the place around it is no longer `free`."""
-    font = PIL.ImageFont.load_default(size)
-    halo = 2
-    x0, y0, x1, y1 = draw.textbbox(at, text, font=font, anchor=anchor, stroke_width=halo)
+@cache
+def _font(size: int) -> PIL.ImageFont.FreeTypeFont | PIL.ImageFont.ImageFont:
+    return PIL.ImageFont.load_default(size)
+
+
+def _extent(label: _Label) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 panel px of a label with its halo."""
+    ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
+    return ruler.textbbox(label.at, label.text, font=_font(label.size), anchor=label.anchor, stroke_width=HALO)
+
+
+def _place(label: _Label, free: Pixels) -> _Label:
+    """The label moved inside the panel; the place around it is no longer `free`."""
+    x0, y0, x1, y1 = _extent(label)
     height, width = free.shape
     dx = max(0, 1 - x0) - max(0, x1 - width + 1)
     dy = max(0, 1 - y0) - max(0, y1 - height + 1)
-    draw.text((at[0] + dx, at[1] + dy), text, (255, 255, 255), font, anchor, stroke_width=halo, stroke_fill=DARK)
     margin_x, margin_y = int(x1 - x0) // 2 + 2, int(y1 - y0) // 2 + 2  # half of a label of like size fits beside it
     row = slice(max(0, int(y0 + dy) - margin_y), max(0, int(y1 + dy) + margin_y))
     free[row, max(0, int(x0 + dx) - margin_x) : max(0, int(x1 + dx) + margin_x)] = 0
+    return replace(label, at=(label.at[0] + dx, label.at[1] + dy))
 
 
-def _assemble(panels: Sequence[Pixels], stacked: bool, title: str) -> Pixels:
+def _write(panel: Pixels, labels: Sequence[_Label]) -> Pixels:
+    picture = PIL.Image.fromarray(panel)
+    draw = PIL.ImageDraw.Draw(picture)
+    for label in labels:
+        font = _font(label.size)
+        draw.text(label.at, label.text, (255, 255, 255), font, label.anchor, stroke_width=HALO, stroke_fill=DARK)
+    return np.asarray(picture)
+
+
+def _assemble(panels: Sequence[Pixels], stacked: bool, title: str, crowded: bool) -> Pixels:
     shape = np.array([panel.shape[:2] for panel in panels])
     step = (int(shape[0, 0]) + GAP, 0) if stacked else (0, int(shape[0, 1]) + GAP)
     height = int(shape[:, 0].sum()) + GAP if stacked else int(shape[:, 0].max())
@@ -206,9 +285,14 @@ def _assemble(panels: Sequence[Pixels], stacked: bool, title: str) -> Pixels:
     picture = PIL.Image.fromarray(canvas)
     draw = PIL.ImageDraw.Draw(picture)
     middle = HEADER // 2
-    font, small = PIL.ImageFont.load_default(20), PIL.ImageFont.load_default(15)
+    font, small = _font(20), _font(15)
     draw.text((12, middle), title, (255, 255, 255), font, "lm")
-    legend = "same colour and number: the same surface      thin pale outline: not matched"
+    same = (
+        "same colour: the same surface, numbered where there is room"
+        if crowded
+        else "same colour and number: the same surface"
+    )
+    legend = f"{same}      thin pale outline: not matched"
     if draw.textlength(title, font) + draw.textlength(legend, small) + 60 < width:
         draw.text((width - 12, middle), legend, PALE, small, "rm")
     return np.asarray(picture)

@@ -1,0 +1,461 @@
+"""Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth."""
+
+import math
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import ConfigError, InputError, MissingDependency
+from zpm2.io import images
+from zpm2.model import Georeference, Image
+
+Array = NDArray[np.float64]
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
+
+LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
+CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
+CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+RPC_REACH = 2.0  # how far from their centre RPCs are believed, in units of their own scale
+
+_GDAL_NAME = re.compile(r"\w\w+:(?!.*(//|/vsi))")  # of a part of a local file, as GDAL lists its subdatasets
+_SEMI_MAJOR, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of WGS 84, m
+
+
+class Raster:
+    """A photograph in a file, read by windows. A context manager; `open_raster` makes it.
+
+    path; width, height: px; notes: what is done to the pixels, as in `images.read_image`, and how it is placed.
+    geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
+    """
+
+    def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
+        self._source, self._what = source, what
+        self.path, self.width, self.height = path, int(source.width), int(source.height)
+        overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
+        self._reduced_what = " or its overview file ".join([what, *overviews])
+        notes = _file_notes(source, path)
+        self._bands = _chosen_bands(source, bands, what, notes)
+        kinds = [source.dtypes[band - 1] for band in self._bands]
+        if any("complex" in kind for kind in kinds):
+            raise InputError(f"{what} has complex values: give a raster of their magnitude")
+        self._type = np.result_type(*kinds)
+        self._mask_bands = _mask_bands(source, self._bands)
+        self._palette = _palette(source, self._bands, notes)
+        self._range = _few_bits(source, self._bands[0], notes) if self._palette is None else None
+        gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
+        self._sampled = gaps_or_colors or self._type.kind == "f"
+        if self._sampled or self._type != np.uint8:
+            self._look(notes)
+        self._place, self.geo = _placed(source, self.width, self.height, gsd, notes)
+        self.notes = tuple(notes)
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
+
+        Pixels without data are 0 and not `valid`; they take no part in an average, and a reduced pixel is valid where
+        at least half of it is. `InputError` where the file is damaged there.
+        """
+        x0, y0, x1, y1 = window or (0, 0, self.width, self.height)
+        assert 0 <= x0 < x1 <= self.width, window
+        assert 0 <= y0 < y1 <= self.height, window
+        width, height = size or (x1 - x0, y1 - y0)
+        assert 0 < width <= x1 - x0, size
+        assert 0 < height <= y1 - y0, size
+        scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
+        across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
+        rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
+        rgb = np.empty((height, width, 3), np.uint8)
+        valid = np.ones((height, width), bool)
+        for top in range(0, height, rows):
+            bottom = min(top + rows, height)
+            part = (x0, y0 + top * scale_y, x1, y0 + bottom * scale_y)
+            values, known = self._pixels(part, width * across, (bottom - top) * down, average=not self._sampled)
+            if across * down > 1:
+                values, known = _means(values, known, across, down)
+            if known is not None:
+                values = np.where(known[..., None], values, 0)
+                valid[top:bottom] = known
+            rgb[top:bottom] = self._to_8bit(values)
+        if valid.all():
+            return Image(rgb, self.path, self.notes)
+        rgb[~valid] = 0
+        return Image(rgb, self.path, self.notes, valid)
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) longitude, latitude of WGS 84, degrees; NaN where there is no way.
+
+        By CRS and transform, or else by the rational polynomial coefficients at their mean terrain height.
+        """
+        points = np.asarray(points, np.float64).reshape(-1, 2)
+        return np.full(points.shape, np.nan) if self._place is None else self._place.to_lon_lat(points)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        """(n, 2) longitude, latitude of WGS 84, degrees -> (n, 2) image px; NaN where there is no way."""
+        degrees = np.asarray(degrees, np.float64).reshape(-1, 2)
+        return np.full(degrees.shape, np.nan) if self._place is None else self._place.from_lon_lat(degrees)
+
+    @property
+    def placed(self) -> bool:
+        """Whether pixels have a longitude and latitude."""
+        return self._place is not None
+
+    def close(self) -> None:
+        self._source.close()
+
+    def __enter__(self) -> "Raster":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _look(self, notes: list[str]) -> None:
+        """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
+        step = math.ceil(math.sqrt(self.width * self.height / LOOK))
+        size = max(1, self.width // step), max(1, self.height // step)
+        values, valid = self._pixels((0, 0, self.width, self.height), *size)
+        if valid is not None:
+            if not valid.any():
+                raise InputError(f"{self._what} has no pixel with data: check its nodata value or its alpha band")
+            values = values[valid][:, None]
+            notes.append("Pixels without data (nodata, alpha or not finite) are left out.")
+        if self._type != np.uint8 and self._palette is None:
+            low, high, note = images.brightness_range(values)
+            self._range = low, high
+            notes.append(note)
+
+    def _pixels(
+        self, window: tuple[float, float, float, float], width: int, height: int, average: bool = False
+    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+        """(height, width, bands) values and (height, width) where there is data, None for everywhere; the nearest
+        source pixels, or their average if asked for."""
+        from rasterio.enums import Resampling
+        from rasterio.windows import Window as Box
+
+        x0, y0, x1, y1 = window
+        how = {
+            "window": Box(x0, y0, x1 - x0, y1 - y0),
+            "resampling": Resampling.average if average else Resampling.nearest,
+        }
+        bands, masks = self._bands, self._mask_bands
+        reduced = width < x1 - x0 or height < y1 - y0
+        with _gdal(self._reduced_what if reduced else self._what):
+            values = self._source.read(bands, out_shape=(len(bands), height, width), out_dtype=self._type.name, **how)
+            valid = None
+            if masks:
+                valid = self._source.read_masks(masks, out_shape=(len(masks), height, width), **how).any(axis=0)
+        values = np.moveaxis(values, 0, -1)
+        if self._palette is not None:
+            values = self._palette[np.minimum(values[..., 0], len(self._palette) - 1)]
+            opaque = values[..., 3] > 0
+            values, valid = values[..., :3], opaque if valid is None else valid & opaque
+        if self._type.kind == "f":
+            finite = np.isfinite(values).all(axis=2)
+            valid = finite if valid is None else valid & finite
+        return values, None if valid is None or valid.all() else valid
+
+    def _to_8bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
+        if self._range is not None:
+            return images.scaled(values, *self._range)
+        return values if values.dtype == np.uint8 else np.rint(values).astype(np.uint8)
+
+
+def require_rasterio() -> Any:
+    """The package, or `MissingDependency`."""
+    try:
+        import rasterio
+        import rasterio.warp
+    except ImportError as error:
+        raise MissingDependency('reading rasters by windows needs rasterio: pip install "zpm2[geo]"') from error
+    return rasterio
+
+
+def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Raster:
+    """The raster in a file, of which nothing but a reduced look is read yet.
+
+    bands: which, from 1: one for grey or three for red, green, blue; default: those that the file marks so, else the
+        first one of at most two, else the first three. gsd: m/px, instead of what the file says. name: what error
+        messages call it, for example "left image".
+
+    8-bit values are taken as they are; all others become 8 bit by the rule of `images.read_image`, with one range for
+    the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity.
+
+    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file, complex values, no
+    pixel with data, a side under 32 px. `ConfigError` for bands that are not there.
+    """
+    rasterio = require_rasterio()
+    what = f"{name} {path}"
+    if Path(path).exists() or not _GDAL_NAME.match(str(path)):
+        with images.opened_file(Path(path), what):
+            pass
+    with _gdal(what):
+        source = rasterio.open(path)
+    try:
+        if not source.count:
+            parts = ", ".join(source.subdatasets)
+            raise InputError(f"{what} holds several rasters: give one of {parts}" if parts else f"{what} has no bands")
+        images.check_sides(source.width, source.height, what)
+        return Raster(source, str(path), what, bands, gsd)
+    except BaseException:
+        source.close()
+        raise
+
+
+@contextmanager
+def _gdal(what: str) -> Iterator[None]:
+    """GDAL with our settings; its errors become an `InputError`, its warnings nothing."""
+    rasterio = require_rasterio()
+    # the shortcut for whole PNG files takes what is missing of one for black
+    with warnings.catch_warnings(), rasterio.Env(GDAL_CACHEMAX=CACHE, GDAL_PNG_WHOLE_IMAGE_OPTIM="NO"):
+        warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
+        try:
+            yield
+        except MemoryError:
+            raise
+        except Exception as error:  # GDAL's errors have no public base class
+            if "not recognized as" in str(error):
+                advice = "give a GeoTIFF, JPEG 2000, PNG or JPEG file"
+                raise InputError(f"{what} is not a picture in a known format: {advice}") from error
+            raise images.damaged(what, error.__cause__ or error) from error
+
+
+def _file_notes(source: Any, path: str) -> list[str]:
+    notes = [images.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
+    if source.driver in ("GTiff", "JPEG", "PNG", "WEBP") and Path(path).exists():
+        notes += images.orientation_notes(path)
+    overviews = Path(f"{path}.ovr")
+    if overviews.is_file() and not overviews.stat().st_size:
+        notes.append(f"The overview file {overviews.name} is empty and was ignored.")
+    if source.tags(ns="IMAGE_STRUCTURE").get("SOURCE_COLOR_SPACE") == "CMYK":
+        notes.append("The colours were converted from CMYK to RGB.")
+    return notes
+
+
+def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
+    from rasterio.enums import ColorInterp
+
+    count = int(source.count)
+    if bands:
+        if len(bands) not in (1, 3) or not all(1 <= band <= count for band in bands):
+            given, there = ",".join(map(str, bands)), f"{count} band{'s' if count > 1 else ''}"
+            raise ConfigError(f"bands {given}: {what} has {there}: give one (grey) or three (red,green,blue) from 1 on")
+        return list(bands)
+    marks = source.colorinterp
+    colors = [marks.index(c) + 1 for c in (ColorInterp.red, ColorInterp.green, ColorInterp.blue) if c in marks]
+    if len(colors) == 3:
+        return colors
+    if ColorInterp.cyan in marks or ColorInterp.Y in marks:
+        model = "CMYK" if ColorInterp.cyan in marks else "YCbCr"
+        raise InputError(f"{what} has colour model {model}: convert it to RGB first")
+    found = [band for band in range(1, count + 1) if marks[band - 1] != ColorInterp.alpha] or [1]
+    if len(found) > 2:
+        first, second, third = found[:3]
+        names = f"Bands {first}, {second} and {third} of {count} are used as red, green and blue"
+        notes.append(f"{names}; choose with --bands.")
+        return found[:3]
+    if len(found) == 2:
+        notes.append(f"Band {found[0]} of {count} is used as grey; choose with --bands.")
+    return found[:1]
+
+
+def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
+    """The bands whose masks say where there is data (where any of them does); none where there is everywhere."""
+    from rasterio.enums import MaskFlags
+
+    flags = [source.mask_flag_enums[band - 1] for band in bands]
+    if any(MaskFlags.all_valid in f for f in flags):
+        return []
+    return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
+
+
+def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
+    """(n, 4) RGBA of the values of a band of palette indices."""
+    from rasterio.enums import ColorInterp
+
+    if len(bands) > 1 or source.colorinterp[bands[0] - 1] != ColorInterp.palette:
+        return None
+    colors = source.colormap(bands[0])
+    table = np.zeros((max(colors) + 1, 4), np.uint8)
+    table[list(colors)] = list(colors.values())
+    one_bit = _bits(source, bands[0]) == 1
+    notes.append("1-bit values became black and white." if one_bit else "The colour palette was expanded to RGB.")
+    return table
+
+
+def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] | None:
+    """The range of values with less than 8 bits."""
+    bits = _bits(source, band)
+    if not 1 <= bits < 8:
+        return None
+    notes.append(f"{bits}-bit values became {'black and white' if bits == 1 else '8-bit ones'}.")
+    return 0.0, 2.0**bits - 1
+
+
+def _bits(source: Any, band: int) -> int:
+    return int(source.tags(band, ns="IMAGE_STRUCTURE").get("NBITS", 8))
+
+
+def _samples(scale: float) -> int:
+    """How many source pixels along one side become a pixel."""
+    return int(scale) if scale in range(1, SAMPLES) else SAMPLES
+
+
+def _means(
+    values: NDArray[Any], known: NDArray[np.bool_] | None, across: int, down: int
+) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Means of `down` x `across` px of what is known, and where that is at least half of them."""
+    height, width, bands = values.shape[0] // down, values.shape[1] // across, values.shape[2]
+    values = values.reshape(height, down, width, across, bands)
+    if known is None:
+        return values.mean(axis=(1, 3)), None
+    known = known.reshape(height, down, width, across)
+    count = known.sum(axis=(1, 3))
+    total = np.where(known[..., None], values, 0).sum(axis=(1, 3), dtype=np.float64)
+    return total / np.maximum(count, 1)[..., None], 2 * count >= down * across
+
+
+class _Place(Protocol):
+    """Image px to degrees and back, (n, 2) each, NaN where there is no way."""
+
+    def to_lon_lat(self, points: Array) -> Array: ...
+    def from_lon_lat(self, degrees: Array) -> Array: ...
+
+
+class _ByTransform:
+    """By a reference system, in rasterio's terms, and the map into it."""
+
+    def __init__(self, crs: Any, geo: Georeference) -> None:
+        self._crs, self._geo = crs, geo
+
+    def to_lon_lat(self, points: Array) -> Array:
+        return _wrapped(_warped(self._crs, "EPSG:4326", self._geo.to_world(points)), 0.0)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        return self._geo.to_image(_warped("EPSG:4326", self._crs, degrees))
+
+
+class _ByRpc:
+    """By rational polynomial coefficients, on the surface of their mean height."""
+
+    def __init__(self, rpcs: Any) -> None:
+        self._rpcs = rpcs
+        self._center = np.array([rpcs.long_off, rpcs.lat_off])
+        self._reach = RPC_REACH * np.array([rpcs.long_scale, rpcs.lat_scale])
+
+    def to_lon_lat(self, points: Array) -> Array:
+        degrees = self._transformed(points, to_ground=True)
+        return _wrapped(np.where(self._far(degrees), np.nan, degrees), 0.0)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        degrees = _wrapped(degrees, float(self._center[0]))
+        return self._transformed(np.where(self._far(degrees), np.nan, degrees), to_ground=False)
+
+    def _far(self, degrees: Array) -> NDArray[np.bool_]:
+        """(n, 1) whether the polynomials are not to be believed there."""
+        return np.asarray((np.abs(degrees - self._center) > self._reach).any(axis=1, keepdims=True))
+
+    def _transformed(self, points: Array, to_ground: bool) -> Array:
+        from rasterio.transform import RPCTransformer
+
+        out = np.full(points.shape, np.nan)
+        rows = np.flatnonzero(np.isfinite(points).all(axis=1))
+        if len(rows):
+            x, y = points[rows].T
+            z = np.full(len(rows), float(self._rpcs.height_off))
+            options = {"RPC_PIXEL_ERROR_THRESHOLD": 1e-4, "RPC_MAX_ITERATIONS": 50}
+            with warnings.catch_warnings(), RPCTransformer(self._rpcs, **options) as transformer:
+                warnings.simplefilter("ignore")  # some points have no image
+                if to_ground:
+                    out[rows] = np.column_stack(transformer.xy(y, x, z, offset="ul"))
+                else:
+                    out[rows] = np.column_stack(transformer.rowcol(x, y, z, op=np.positive)[::-1])
+        return _finite(out)
+
+
+def _placed(
+    source: Any, width: int, height: int, gsd: float | None, notes: list[str]
+) -> tuple[_Place | None, Georeference]:
+    """How pixels get to longitude and latitude, and what is known of that for the results."""
+    affine = source.transform
+    matrix = None if affine.is_identity else np.array(affine[:6], np.float64).reshape(2, 3)
+    if matrix is not None and not (np.isfinite(matrix).all() and np.linalg.det(matrix[:, :2])):
+        matrix = None
+    geo = Georeference(_crs_text(source.crs), matrix)
+    place: _Place | None = None
+    if geo.located and _reaches_ground(by_transform := _ByTransform(source.crs, geo), width, height):
+        place = by_transform
+    elif (rpcs := _rpcs(source)) and _reaches_ground(by_rpc := _ByRpc(rpcs), width, height):
+        place = by_rpc
+        notes.append("Placed by its rational polynomial coefficients (RPC).")
+    elif matrix is None and source.gcps[0]:
+        notes.append("Its ground control points are not used: warp it by them first to place it.")
+    if gsd is None and place is not None:
+        gsd = _pixel_size(place, width, height)
+    return place, Georeference(geo.crs, geo.transform, gsd)
+
+
+def _crs_text(crs: Any) -> str | None:
+    if not crs:
+        return None
+    code = crs.to_epsg()
+    return crs.to_wkt() if code is None else f"EPSG:{code}"
+
+
+def _rpcs(source: Any) -> Any:
+    try:
+        return source.rpcs
+    except (KeyError, ValueError):  # some are missing or no numbers
+        return None
+
+
+def _reaches_ground(place: _Place, width: int, height: int) -> bool:
+    spots = np.array([(x, y) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0)])
+    return bool(np.isfinite(place.to_lon_lat(spots * (width, height))).any())
+
+
+def _pixel_size(place: _Place, width: int, height: int) -> float | None:
+    """m on the ground: the side of a square as large as a pixel in the middle of the image."""
+    step = 5.0  # px, enough for the digits of the longitudes and little enough for the curvature
+    cross = step * np.array([(-1, 0), (1, 0), (0, -1), (0, 1)]) + np.array([width / 2, height / 2])
+    lon, lat = np.radians(place.to_lon_lat(cross).T)
+    normal = _SEMI_MAJOR / np.sqrt(1 - _ECCENTRICITY_2 * np.sin(lat) ** 2)
+    east, north = np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon)
+    spots = np.column_stack([normal * east, normal * north, normal * (1 - _ECCENTRICITY_2) * np.sin(lat)])
+    area = float(np.linalg.norm(np.cross(spots[1] - spots[0], spots[3] - spots[2])))
+    return math.sqrt(area) / (2 * step) if np.isfinite(area) and area > 0 else None
+
+
+def _warped(source: Any, target: Any, points: Array) -> Array:
+    """(n, 2) coordinates of one reference system -> (n, 2) of another, NaN where there are none."""
+    from rasterio.warp import transform
+
+    out = np.full(points.shape, np.nan)
+    todo = [np.flatnonzero(np.isfinite(points).all(axis=1))]
+    while todo:
+        rows = todo.pop()
+        if len(rows) == 0:
+            continue
+        try:
+            out[rows] = np.column_stack(transform(source, target, points[rows, 0], points[rows, 1])[:2])
+        except Exception:  # GDAL's errors have no public base class; one point outside of a projection fails all
+            if len(rows) > 1:
+                todo += np.array_split(rows, 2)
+    return _finite(out)
+
+
+def _finite(points: Array) -> Array:
+    """NaN for every point that is not."""
+    return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
+
+
+def _wrapped(degrees: Array, center: float) -> Array:
+    """Longitudes within 180 degrees of `center`; those that are already stay as they are."""
+    lon = degrees[:, 0]
+    turns = np.where(np.abs(lon - center) > 180, np.floor((lon - center + 180) / 360), 0)
+    return np.column_stack([lon - 360 * turns, degrees[:, 1]])

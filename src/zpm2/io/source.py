@@ -1,0 +1,156 @@
+"""Photographs of any size behind one face: kept in memory, or read from their file by windows where that pays."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError, MissingDependency
+from zpm2.io.images import read_image
+from zpm2.io.inputs import PHOTOGRAPHS
+from zpm2.io.raster import Window, open_raster
+from zpm2.model import Georeference, Image
+
+Array = NDArray[np.float64]
+ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
+LARGE = 16_000_000  # px, beyond which a file is read by windows
+_GEO_TAGS = {33550, 33922, 34264, 34735}  # of a TIFF: scale, tie points, transform, keys
+
+
+class Source(Protocol):
+    """A photograph of which windows are read."""
+
+    @property
+    def path(self) -> str | None: ...
+
+    @property
+    def width(self) -> int:
+        """px"""
+        ...
+
+    @property
+    def height(self) -> int:
+        """px"""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
+    @property
+    def geo(self) -> Georeference: ...
+
+    @property
+    def placed(self) -> bool:
+        """Whether pixels have longitude and latitude."""
+        ...
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """The window (all, where none is given), reduced to `size` (width, height) px."""
+        ...
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) degrees, WGS 84; NaN where there is no way."""
+        ...
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        """(n, 2) degrees -> (n, 2) image px; NaN where there is no way."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Held:
+    """A photograph that is in memory."""
+
+    placed = False
+
+    def __init__(self, image: Image, notes: Sequence[str] = (), gsd: float | None = None) -> None:
+        self.image, self.path = image, image.path
+        self.width, self.height = image.width, image.height
+        self.notes = (*image.notes, *notes)
+        self.geo = Georeference(gsd=gsd)
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """See `Source.read`."""
+        x0, y0, x1, y1 = window or (0, 0, self.width, self.height)
+        rgb, valid = self.image.rgb[y0:y1, x0:x1], self.image.valid
+        valid = None if valid is None else valid[y0:y1, x0:x1]
+        if size is not None and size != (x1 - x0, y1 - y0):
+            rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+            if valid is not None:
+                valid = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
+        return Image(rgb, self.path, self.notes, valid)
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """Unknown."""
+        return np.full((len(points), 2), np.nan)
+
+    from_lon_lat = to_lon_lat
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Source:
+    """A photograph as a `Source`.
+
+    A file is read by windows, through rasterio, where it is georeferenced, where `bands` are chosen, and where it has
+    more than 16 megapixels; all else is read at once, as `read_image` does. Without rasterio everything is, and a note
+    says what that means for a file that is georeferenced or large. `gsd` is in m per px and goes before the file's own.
+    Errors are those of `read_image` and `open_raster`.
+    """
+    if not isinstance(source, str | Path):
+        if bands:
+            raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
+        return Held(read_image(source, name), (), gsd)
+    try:
+        raster = open_raster(source, name, bands, gsd)
+    except MissingDependency:
+        if bands:
+            raise
+        return Held(read_image(source, name), _missed(Path(source)), gsd)
+    except InputError:
+        if bands or Path(source).suffix.lower() not in PHOTOGRAPHS:
+            raise
+        return Held(read_image(source, name), (), gsd)  # which has more to say about photographs
+    if raster.placed or raster.geo.located or bands or raster.width * raster.height > LARGE:
+        return raster
+    raster.close()
+    return Held(read_image(source, name), (), gsd)
+
+
+@contextlib.contextmanager
+def opened(
+    left: ImageLike, right: ImageLike, bands: Sequence[int] = (), gsd: Sequence[float] = ()
+) -> Iterator[tuple[Source, Source]]:
+    """Both photographs of a pair, closed at the end. `gsd`: none, one for both, or two."""
+    sides = [gsd[0], gsd[-1]] if gsd else [None, None]
+    with contextlib.ExitStack() as stack:
+        found = []
+        for source, name, each in ((left, "left image", sides[0]), (right, "right image", sides[1])):
+            found.append(open_source(source, name, bands, each))
+            stack.callback(found[-1].close)
+        yield found[0], found[1]
+
+
+def reduced(source: Source, longest: int) -> Image:
+    """All of a photograph with its longer side at most `longest` px."""
+    factor = min(1.0, longest / max(source.width, source.height))
+    return source.read(None, (max(1, round(source.width * factor)), max(1, round(source.height * factor))))
+
+
+def _missed(path: Path) -> list[str]:
+    """What is lost where rasterio is missing."""
+    notes = []
+    unreadable = OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError
+    with contextlib.suppress(*unreadable), PIL.Image.open(path) as picture:
+        if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):
+            notes.append('Its georeference was not read: pip install "zpm2[geo]".')
+        if picture.width * picture.height > LARGE:
+            notes.append('It is held in memory as a whole; by windows with: pip install "zpm2[geo]".')
+    return notes

@@ -1,0 +1,228 @@
+"""The regions of overlapping tiles as the regions of one photograph: no duplicates, and no outline cut by a tile.
+
+A region that reaches an inner border of its window may go on beyond it, and so may what was found in the other
+photograph by asking about it. Such pieces are of use only together: where a
+region that is whole, of another tile or level, is the same thing as far as the window shows it, that one stands for it.
+Otherwise pieces of neighbouring windows of one level that agree in the strip which both windows show are united; if the
+union still ends at a border, it is left out, as its outline would be the tile's and not the scene's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.detect.vectorize import from_shape, with_parents
+from zpm2.io.raster import Window
+from zpm2.model import Polygon
+
+Array = NDArray[np.float64]
+Shapes = NDArray[np.object_]
+BORDER = 1.5 / 256  # of a window's longer side, at least 2 px: what comes so near to an inner border is cut by it
+TRIM = 4.0  # borders wide, the rim of a window in which outlines are ragged and the neighbour is believed
+AGREE = 0.6  # IoU of what two windows show of one thing, from which on it is one
+FILLED = 0.9  # share of a union that must be left when the rims are left out
+COVERED = 0.8  # share of what touches a border that neighbours must show
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Regions of one photograph, as the tiles found them; row k of all is one."""
+
+    polygons: Sequence[Polygon]  # (n,) px of the photograph
+    tile: NDArray[np.int64]  # (n,) which window each comes from
+    cut: NDArray[np.bool_]  # (n,) ends where its tile does, and not where the thing does
+    guided: NDArray[np.bool_]  # (n,) found by asking about the other photograph
+    windows: Sequence[Window]  # (t,) px
+    levels: NDArray[np.int64]  # (t,) the larger the finer
+
+
+@dataclass(frozen=True, eq=False)
+class Stitched:
+    """The regions of one photograph."""
+
+    polygons: list[Polygon]  # ids from 0 on, with parents
+    guided: NDArray[np.bool_]  # (n,)
+    united: int  # of several pieces
+    open: int  # pieces left out, as what they belong to is nowhere whole
+
+
+def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: float, min_area: float) -> Stitched:
+    """The regions of a photograph of `size` (width, height) px, of at least `min_area` px^2, finer levels first.
+
+    Of two that overlap by more than `nms_iou` the one of the finer level stays, then the one of better score.
+    `tolerance` px is Douglas-Peucker's for outlines of united pieces.
+    """
+    shapes = _array([polygon.shape for polygon in pieces.polygons])
+    level = pieces.levels[pieces.tile] if len(pieces.polygons) else np.zeros(0, np.int64)
+    score = np.array([polygon.score for polygon in pieces.polygons])
+    borders = [_Borders(window, size) for window in pieces.windows]
+    whole = np.flatnonzero(~pieces.cut)
+    whole = whole[suppress(shapes[whole], np.lexsort((-score[whole], -level[whole])), nms_iou)]
+    rest = np.flatnonzero(pieces.cut)
+    rest = rest[~_explained(shapes, rest, pieces.tile, whole, borders)]
+    groups = _groups(shapes, rest, pieces.tile, level, borders)
+    united, members = _unite(shapes, groups, pieces.tile, borders, tolerance)
+    everything = np.append(shapes[whole], united)
+    guided = np.append(pieces.guided[whole], [pieces.guided[group].any() for group in members]).astype(bool)
+    scores = np.append(score[whole], [score[group].min() for group in members])
+    levels = np.append(level[whole], [level[group[0]] for group in members])
+    is_united = np.arange(len(everything)) >= len(whole)
+    kept = suppress(everything, np.lexsort((-scores, is_united, -levels)), nms_iou)
+    kept = np.sort(kept[shapely.area(everything[kept]) >= min_area])
+    polygons = [
+        from_shape(everything[row], k, float(scores[row]), None if is_united[row] else _label(pieces, whole[row]))
+        for k, row in enumerate(kept)
+    ]
+    left_out = len(rest) - sum(map(len, members))
+    return Stitched(with_parents(polygons), guided[kept], int(is_united[kept].sum()), left_out)
+
+
+def cut_by_window(polygons: Sequence[Polygon], window: Window, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """(n,) whether a region of a window reaches one of its borders that is not the photograph's."""
+    if not polygons:
+        return np.zeros(0, bool)
+    borders = _Borders(window, size)
+    free, box = borders.shrunk(1.0), np.array([polygon.bounds for polygon in polygons])
+    return np.asarray((borders.inner & np.c_[box[:, :2] < free[:2], box[:, 2:] > free[2:]]).any(1))
+
+
+def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArray[np.intp]:
+    """The rows that stay of (n,) polygons when each, in `order`, removes those after it that it overlaps (IoU) by more
+    than `threshold`."""
+    n = len(shapes)
+    rank = np.empty(n, np.int64)
+    rank[order] = np.arange(n)
+    i, j = shapely.STRtree(shapes).query(shapes)
+    area = shapely.area(shapes)
+    keep = (rank[i] < rank[j]) & (np.minimum(area[i], area[j]) > threshold * np.maximum(area[i], area[j]))
+    i, j = i[keep], j[keep]
+    box = shapely.bounds(shapes).reshape(-1, 4)
+    shared = np.clip(np.minimum(box[i, 2:], box[j, 2:]) - np.maximum(box[i, :2], box[j, :2]), 0, None).prod(1)
+    keep = shared > threshold / (1 + threshold) * (area[i] + area[j])  # the intersection is no larger
+    i, j = i[keep], j[keep]
+    same = iou(shapes[i], shapes[j]) > threshold
+    i, j = i[same], j[same]
+    by_rank = np.argsort(rank[i], kind="stable")
+    alive = np.ones(n, bool)
+    for a, b in zip(i[by_rank].tolist(), j[by_rank].tolist(), strict=True):
+        if alive[a]:
+            alive[b] = False
+    return order[alive[order]]
+
+
+def iou(first: Shapes, second: Shapes) -> Array:
+    """(n,) of polygons, pair by pair; 0 for two empty ones."""
+    shared = shapely.area(shapely.intersection(first, second))
+    return np.asarray(shared / np.maximum(shapely.area(first) + shapely.area(second) - shared, 1e-300))
+
+
+class _Borders:
+    """A window and those of its borders that are not the photograph's."""
+
+    def __init__(self, window: Window, size: tuple[int, int]) -> None:
+        x0, y0, x1, y1 = window
+        self.box = shapely.box(*window)
+        self.tolerance = max(2.0, BORDER * max(x1 - x0, y1 - y0))
+        self.inner = np.array([x0 > 0, y0 > 0, x1 < size[0], y1 < size[1]])
+        self.window = np.array(window, np.float64)
+
+    def shrunk(self, by: float) -> Array:
+        """(4,) the window with its inner borders moved inwards by so many tolerances."""
+        return self.window + np.array([1, 1, -1, -1]) * self.inner * by * self.tolerance
+
+    def strips(self) -> list[shapely.Polygon]:
+        """The ground along each inner border, as wide as the tolerance."""
+        x0, y0, x1, y1 = self.window
+        a, b, c, d = self.shrunk(1.0)
+        strips = (x0, y0, a, y1), (x0, y0, x1, b), (c, y0, x1, y1), (x0, d, x1, y1)
+        return [shapely.box(*strip) for strip, inner in zip(strips, self.inner, strict=True) if inner]
+
+
+def _explained(
+    shapes: Shapes,
+    rest: NDArray[np.intp],
+    tile: NDArray[np.int64],
+    whole: NDArray[np.intp],
+    borders: Sequence[_Borders],
+) -> NDArray[np.bool_]:
+    """(r,) whether a `whole` region is what a cut piece of `rest` is a part of."""
+    i, j = shapely.STRtree(shapes[whole]).query(shapes[rest], predicate="intersects")
+    window = _array([border.box for border in borders])[tile[rest[i]]]
+    seen = shapely.intersection(shapes[whole[j]], window)
+    found = np.zeros(len(rest), bool)
+    found[i[iou(shapes[rest[i]], seen) >= AGREE]] = True
+    return found
+
+
+def _groups(
+    shapes: Shapes,
+    rest: NDArray[np.intp],
+    tile: NDArray[np.int64],
+    level: NDArray[np.int64],
+    borders: Sequence[_Borders],
+) -> list[list[int]]:
+    """Pieces of one thing, two or more, each of another window of one level: those that agree best come together first,
+    as long as no window would have two."""
+    i, j = shapely.STRtree(shapes[rest]).query(shapes[rest], predicate="intersects")
+    a, b = rest[i], rest[j]
+    keep = (i < j) & (tile[a] != tile[b]) & (level[a] == level[b])
+    a, b = a[keep], b[keep]
+    boxes = _array([border.box for border in borders])
+    strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
+    alike = iou(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
+    order = np.argsort(-alike, kind="stable")
+    order = order[alike[order] >= AGREE]
+    group: dict[int, list[int]] = {}
+    for first, second in zip(a[order].tolist(), b[order].tolist(), strict=True):
+        one, other = group.get(first, [first]), group.get(second, [second])
+        if one is not other and not {tile[k] for k in one} & {tile[k] for k in other}:
+            both = one + other
+            group.update((k, both) for k in both)
+    distinct = {id(members): sorted(members) for members in group.values()}
+    return sorted(distinct.values())
+
+
+def _unite(
+    shapes: Shapes, groups: list[list[int]], tile: NDArray[np.int64], borders: Sequence[_Borders], tolerance: float
+) -> tuple[Shapes, list[list[int]]]:
+    """The union of each group that is whole, and its members."""
+    found, members = [], []
+    for group in groups:
+        if any(_ends(shapes, k, group, tile, borders) for k in group):
+            continue
+        trimmed = [shapely.intersection(shapes[k], shapely.box(*borders[tile[k]].shrunk(TRIM))) for k in group]
+        largest, full = (_largest(shapely.union_all(parts)) for parts in (trimmed, shapes[group]))
+        if largest.area < FILLED * full.area:  # windows that hardly overlap
+            largest = full
+        simple = shapely.simplify(largest, tolerance)
+        found.append(simple if simple.is_valid and not simple.is_empty else largest)
+        members.append(group)
+    return _array(found), members
+
+
+def _ends(shapes: Shapes, k: int, group: list[int], tile: NDArray[np.int64], borders: Sequence[_Borders]) -> bool:
+    """Whether piece `k` touches an inner border of its window where no other piece of the group goes on."""
+    others = shapely.union_all([shapes[m] for m in group if m != k])
+    for strip in borders[tile[k]].strips():
+        touching = shapely.intersection(shapes[k], strip)
+        if touching.area > 0 and shapely.intersection(touching, others).area < COVERED * touching.area:
+            return True
+    return False
+
+
+def _largest(shape: shapely.Geometry) -> shapely.Polygon:
+    parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
+    return max(parts, key=lambda part: part.area, default=shapely.Polygon())
+
+
+def _label(pieces: Pieces, row: int) -> str | None:
+    return pieces.polygons[row].label
+
+
+def _array(shapes: Sequence[shapely.Geometry]) -> Shapes:
+    array = np.empty(len(shapes), object)
+    array[:] = shapes
+    return array

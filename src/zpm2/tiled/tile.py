@@ -1,0 +1,143 @@
+"""What one tile found, in px of the photographs, and its file."""
+
+import gzip
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2._version import __version__
+from zpm2.errors import InputError, OutputError
+from zpm2.io.files import atomic_write
+from zpm2.io.raster import Window
+from zpm2.io.source import Source
+from zpm2.model import PointMatches, Polygon
+from zpm2.result import MatchResult, Side, points_from_dict, points_to_dict, side_from_dict, side_to_dict
+from zpm2.tiled.view import View
+
+Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None: not looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """The regions and points of a pair of windows, or the regions of a single one."""
+
+    level: int  # 0 for all of the photograph, then ever finer
+    windows: Windows
+    polygons: tuple[Sequence[Polygon], Sequence[Polygon]]  # ids are rows
+    guided: NDArray[np.int64]  # (k, 2) left and right ids of which one was found by asking about the other
+    points: PointMatches
+    seconds: Mapping[str, float]  # by stage
+
+
+def of_pair(level: int, windows: Windows, views: tuple[View, View], result: MatchResult) -> Tile:
+    """The result of two views as a tile."""
+    left, right = (
+        [view.polygon(polygon, polygon.id) for polygon in side.polygons]
+        for view, side in zip(views, (result.left, result.right), strict=True)
+    )
+    points = PointMatches(
+        views[0].points(result.points.left), views[1].points(result.points.right), result.points.score
+    )
+    guided = np.array([(m.left, m.right) for m in result.matches if m.stage == "guided"], np.int64).reshape(-1, 2)
+    return Tile(level, windows, (left, right), guided, points, result.timings)
+
+
+def apart(level: int, windows: Windows, found: Sequence[tuple[View, Sequence[Polygon]] | None], seconds: float) -> Tile:
+    """The regions of windows of both photographs, or of one, that have nothing in common."""
+    left, right = (
+        [] if side is None else [side[0].polygon(polygon, k) for k, polygon in enumerate(side[1])] for side in found
+    )
+    return Tile(level, windows, (left, right), np.zeros((0, 2), np.int64), PointMatches.empty(), {"detect": seconds})
+
+
+def key(sources: Sequence[Source], config: Mapping[str, Any], segmenters: str) -> str:
+    """A name for tiles that the same photographs, configuration and version would give again."""
+    what = [_identity(source) for source in sources]
+    text = json.dumps([__version__, what, config, segmenters], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Kept:
+    """The finished tiles of a run as files `<level>-<number>.json.gz` in a folder of the run's key.
+
+    `reused` counts those that an earlier run left.
+    """
+
+    def __init__(self, folder: Path | None, key: str) -> None:
+        self.folder = None if folder is None else folder / key
+        self.reused = 0
+        if self.folder is not None:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"cannot make the folder of tiles {self.folder}: {error.strerror}") from error
+
+    def load(self, name: str, windows: Windows) -> Tile | None:
+        """The tile of that name, if it is there, whole, and of these windows."""
+        if self.folder is None:
+            return None
+        try:
+            with gzip.open(self.folder / f"{name}.json.gz") as file:
+                tile = _from_dict(json.load(file))
+        except (OSError, EOFError, zlib.error, ValueError, KeyError, TypeError, InputError):
+            return None
+        if tile.windows != windows:
+            return None
+        self.reused += 1
+        return tile
+
+    def save(self, name: str, tile: Tile) -> None:
+        """Writes it. `OutputError` where it cannot be written, the disk is full for instance; tiles that are finished
+        stay for the next run."""
+        if self.folder is None:
+            return
+        data = gzip.compress(json.dumps(_to_dict(tile)).encode(), compresslevel=1, mtime=0)
+        try:
+            atomic_write(self.folder / f"{name}.json.gz", data)
+        except OutputError as error:
+            raise OutputError(f"{error}; finished tiles are kept, run the same command again to go on") from error
+
+
+def _identity(source: Source) -> Any:
+    if source.path is not None:
+        path = Path(source.path)
+        try:
+            stat = path.stat()
+            return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
+        except OSError:
+            pass
+    return hashlib.sha256(np.ascontiguousarray(source.read().rgb).data).hexdigest()
+
+
+def _to_dict(tile: Tile) -> dict[str, Any]:
+    sides = [
+        {**side_to_dict(Side(0, 0, polygons)), "window": window}
+        for polygons, window in zip(tile.polygons, tile.windows, strict=True)
+    ]
+    return {
+        "level": tile.level,
+        "sides": sides,
+        "guided": tile.guided.tolist(),
+        "points": points_to_dict(tile.points),
+        "seconds": dict(tile.seconds),
+    }
+
+
+def _from_dict(content: Mapping[str, Any]) -> Tile:
+    sides = content["sides"]
+    windows = [None if side["window"] is None else tuple(map(int, side["window"])) for side in sides]
+    return Tile(
+        int(content["level"]),
+        (windows[0], windows[1]),  # type: ignore[arg-type]
+        (side_from_dict(sides[0]).polygons, side_from_dict(sides[1]).polygons),
+        np.array(content["guided"], np.int64).reshape(-1, 2),
+        points_from_dict(content["points"]),
+        {stage: float(seconds) for stage, seconds in content["seconds"].items()},
+    )

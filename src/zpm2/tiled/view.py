@@ -1,0 +1,60 @@
+"""One window of a photograph as the matcher sees it: reduced, and turned where the two photographs are turned."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.detect.vectorize import from_shape
+from zpm2.io.raster import Window
+from zpm2.io.source import Source
+from zpm2.model import Image, Polygon
+
+Array = NDArray[np.float64]
+UPRIGHT = math.radians(20)  # turns up to this are left to the point matcher, so that pixels stay as they are
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The pixels of a window, and the way back."""
+
+    image: Image
+    to_px: Array  # (3, 3) similarity: px of the photograph ~ to_px @ px of `image`
+
+    @property
+    def from_px(self) -> Array:
+        """(3, 3) the way in."""
+        return np.asarray(np.linalg.inv(self.to_px))
+
+    def points(self, points: Array) -> Array:
+        """(n, 2) px of the view -> (n, 2) px of the photograph."""
+        return geometry.project(self.to_px, points) if len(points) else points
+
+    def polygon(self, polygon: Polygon, id: int) -> Polygon:
+        """A polygon of the view in px of the photograph. Parents are not kept."""
+        rings = [self.points(ring) for ring in (polygon.exterior, *polygon.holes)]
+        moved = Polygon(id, rings[0], tuple(rings[1:]), polygon.score, None, polygon.label)
+        return from_shape(moved.shape, id, polygon.score, polygon.label)
+
+
+def view(source: Source, window: Window, reduction: float, turn: float = 0.0) -> View:
+    """The window with `reduction` px of the photograph (1 or more) for one of the view, turned by `turn` radians from x
+    to y unless that is hardly a turn. What the corners of a turned view do not show is marked as no data."""
+    x0, y0, x1, y1 = window
+    width, height = (max(1, round(side / max(reduction, 1.0))) for side in (x1 - x0, y1 - y0))
+    image = source.read(window, (width, height))
+    to_px = np.array([[(x1 - x0) / width, 0, x0], [0, (y1 - y0) / height, y0], [0, 0, 1.0]])
+    if abs(turn) <= UPRIGHT:
+        return View(image, to_px)
+    c, s = math.cos(turn), math.sin(turn)
+    turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    wide, high = math.ceil(width * abs(c) + height * abs(s)), math.ceil(width * abs(s) + height * abs(c))
+    turned[:2, 2] = np.array([wide, high]) / 2 - turned[:2, :2] @ [width / 2, height / 2]
+    matrix = (np.linalg.inv(geometry.HALF_PIXEL) @ turned @ geometry.HALF_PIXEL)[:2]
+    rgb = cv2.warpAffine(image.rgb, matrix, (wide, high), flags=cv2.INTER_LINEAR)
+    valid = np.ones((height, width), np.uint8) if image.valid is None else image.valid.astype(np.uint8)
+    seen = cv2.warpAffine(valid, matrix, (wide, high), flags=cv2.INTER_NEAREST) > 0
+    return View(Image(np.asarray(rgb, np.uint8), image.path, image.notes, seen), to_px @ np.linalg.inv(turned))
