@@ -1,6 +1,7 @@
 """The command line: `zpm2 match`, `pose`, `cloud`, `reconstruct`, `eval`, `demo`, `doctor`, `weights`."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -105,6 +106,21 @@ def match_command(
     outlines: Annotated[
         bool, typer.Option("--outlines", help="Pair the outlines of each match, point by point, in matches.json.")
     ] = False,
+    tiles: Annotated[
+        str | None, typer.Option(help="auto, on or off: large photographs tile by tile.  [default: preset's]")
+    ] = None,
+    bands: Annotated[
+        str | None, typer.Option(help="One band or three (red,green,blue), from 1 on.  [default: as the file says]")
+    ] = None,
+    gsd: Annotated[
+        str | None, typer.Option(help="m on the ground per px, one or left,right.  [default: as the files say]")
+    ] = None,
+    min_area_m2: Annotated[
+        float | None, typer.Option("--min-area-m2", help="Leave out polygons smaller than this on the ground.")
+    ] = None,
+    formats: Annotated[
+        list[str] | None, typer.Option("--format", help="More files: gpkg, shapefile, coco. Repeatable.")
+    ] = None,
     device: Device = None,
     seed: Seed = None,
     weights_dir: WeightsDir = None,
@@ -113,7 +129,8 @@ def match_command(
 ) -> None:
     """Match the polygons of two photographs.
 
-    Writes matches.json, left.geojson, right.geojson and overlay.png.
+    Writes matches.json, left.geojson, right.geojson and overlay.png; for georeferenced photographs matches.gpkg, for
+    large ones contact.png. A large run that is interrupted goes on where it was when it is started again.
     """
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
@@ -123,18 +140,26 @@ def match_command(
         "segment.model": model,
         "segment.quality": quality,
         "points.methods": points,
+        "tiles.mode": tiles,
+        "raster.bands": bands,
+        "raster.gsd": gsd,
+        "raster.min_area_m2": min_area_m2,
         "device": device,
         "seed": seed,
     }
     config = configure(preset, config_file, settings, options)
+    formats = _formats(formats)
     own = _own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
     with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
-        matcher = open_method(method, config, segmenter=own, progress=progress, say=say)
+        kept = out / "tiles"
+        more = {"kept": kept} if method == "zpm2" else {}
+        matcher = open_method(method, config, segmenter=own, progress=progress, say=say, **more)
         result = matcher(left, right)
         result = result.flatten() if non_overlapping else result
         result = result.with_outlines() if outlines else result
-        result.save(out)
+        result.save(out, formats)
+        shutil.rmtree(kept, ignore_errors=True)
     _report(result, out, quiet, as_json)
 
 
@@ -192,6 +217,19 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
         print(section)
         for name, value in values.items():
             print(f"  {name:<24} {value}")
+
+
+def _formats(names: list[str] | None) -> list[str]:
+    """The file formats asked for, checked before the work begins."""
+    from zpm2.io.gis import require_pyogrio
+    from zpm2.result import FORMATS
+
+    for name in names or []:
+        if name not in FORMATS:
+            raise ConfigError(f"unknown format '{name}'; formats are: {', '.join(FORMATS)}")
+        if name != "coco":
+            require_pyogrio()
+    return names or []
 
 
 def _own_regions(

@@ -1,8 +1,9 @@
 """What a run gives back: polygons, matches, points, geometry; to files and back, as a picture, and made exclusive."""
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import index
 from pathlib import Path
@@ -15,17 +16,23 @@ from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.config import Config
+from zpm2.detect.vectorize import rasterize
 from zpm2.errors import Failed, InputError
-from zpm2.io import geojson
+from zpm2.io import geojson, gis
+from zpm2.io.coco import coco
 from zpm2.io.files import atomic_write, output_folder
-from zpm2.io.source import open_source, reduced
+from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
 from zpm2.model import Georeference, Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay
 
 SCHEMA = "zpm2-matches/1"
+FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
+SHEET = 100  # matches on a contact sheet
+CROP = 300  # px, the longest side at which a crop of it is read
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,14 +174,30 @@ class MatchResult:
         }
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
-        """The polygons as two GeoJSON FeatureCollections, "left" and "right", in image px, with their partners' ids."""
+        """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids: of a located
+        photograph in longitude and latitude (RFC 7946), of others, or where its reference system has none, in image px
+        and marked so."""
         return {name: self._side_geojson(name) for name in ("left", "right")}
 
     def _side_geojson(self, name: str) -> dict[str, Any]:
+        layer = self._layer(name)
+        if layer.geo.located:
+            with contextlib.suppress(InputError):  # no longitude and latitude: the run has said so
+                return gis.feature_collection(layer)
+        side: Side = getattr(self, name)
+        return geojson.feature_collection(side.polygons, layer.match_of, side.path or name, side.width, side.height)
+
+    def _layer(self, name: str) -> gis.Layer:
+        """One side for a GIS."""
         side: Side = getattr(self, name)
         other = "right" if name == "left" else "left"
         partners = {getattr(m, name): (getattr(m, other), m.confidence) for m in self.matches}
-        return geojson.feature_collection(side.polygons, partners, side.path or name, side.width, side.height)
+        return gis.Layer(name, side.polygons, side.geo, partners, side.unmatched)
+
+    def _coco(self, name: str) -> dict[str, Any]:
+        side: Side = getattr(self, name)
+        masks = (rasterize(polygon.shape) for polygon in side.polygons)
+        return coco(side.polygons, masks, self._layer(name).match_of, side.path or name, side.width, side.height)
 
     def plot(self, max_width: int = 2400) -> PIL.Image.Image:
         """Both images with matched polygons in the same colour and the same number; unmatched ones thin.
@@ -189,17 +212,49 @@ class MatchResult:
         pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width, sizes)
         return PIL.Image.fromarray(pixels)
 
-    def save(self, directory: str | Path) -> Path:
+    def contact_sheet(self, count: int = SHEET, seed: int = 0) -> PIL.Image.Image:
+        """Up to `count` random matches, each with its two polygons close up, to be judged by eye.
+
+        Only what is shown is read. `InputError` as from `plot`.
+        """
+        chosen = np.random.default_rng(seed).permutation(len(self.matches))[:count]
+        matches = [self.matches[k] for k in sorted(chosen)]
+        crops = []
+        for name in ("left", "right"):
+            side: Side = getattr(self, name)
+            polygons = {polygon.id: polygon for polygon in side.polygons}
+            with _opened(side, name, self.config) as source:
+                crops.append([_crop(source, side, polygons[getattr(match, name)]) for match in matches])
+        captions = [f"{match.left} - {match.right}   {match.confidence:.2f}" for match in matches]
+        return PIL.Image.fromarray(contact_sheet(list(zip(*crops, strict=True)), captions))
+
+    def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
         """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
 
-        Each file appears whole or not at all, and matches.json comes last: where it is, the others are. `OutputError`
-        if the folder cannot be written, and `InputError` as from `plot`.
+        Where a photograph is located, matches.gpkg comes with them if pyogrio is installed; of large photographs a
+        contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp), "coco"
+        (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last: where it
+        is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format without its
+        package, and `InputError` as from `plot`.
         """
-        picture = cv2.cvtColor(np.asarray(self.plot()), cv2.COLOR_RGB2BGR)
+        pictures = {"overlay": self.plot()}
+        if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
+            pictures["contact"] = self.contact_sheet()
         folder = output_folder(directory)
         for name, collection in self.to_geojson().items():
             geojson.write(folder / f"{name}.geojson", collection)
-        atomic_write(folder / "overlay.png", cv2.imencode(".png", picture)[1].tobytes())
+        layers = self._layer("left"), self._layer("right")
+        if "gpkg" in formats or (gis.has_pyogrio() and any(layer.geo.located for layer in layers)):
+            gis.write_geopackage(folder / "matches.gpkg", *layers, self.matches)
+        if "shapefile" in formats:
+            for layer in layers:
+                gis.write_shapefile(folder, layer)
+        if "coco" in formats:
+            for name in ("left", "right"):
+                atomic_write(folder / f"{name}.coco.json", json.dumps(self._coco(name)))
+        for name, picture in pictures.items():
+            pixels = cv2.cvtColor(np.asarray(picture), cv2.COLOR_RGB2BGR)
+            atomic_write(folder / f"{name}.png", cv2.imencode(".png", pixels)[1].tobytes())
         atomic_write(folder / "matches.json", json.dumps(self.to_dict(), allow_nan=False))
         return folder
 
@@ -365,6 +420,16 @@ def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | Non
     """The photograph of a side, or a version of it reduced to `longest` px or more where that is at hand."""
     if side.image is not None and (longest is not None or side.image.width == side.width):
         return side.image
+    with _opened(side, name, config) as source:
+        return source.read() if longest is None else reduced(source, longest)
+
+
+@contextlib.contextmanager
+def _opened(side: Side, name: str, config: Mapping[str, Any]) -> Iterator[Source]:
+    """The photograph of a side: the pixels that the result holds, where they are all of it or all there is."""
+    if side.image is not None and (side.image.width == side.width or side.path is None):
+        yield Held(side.image)
+        return
     if side.path is None:
         raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
     raster = config.get("raster")
@@ -375,6 +440,18 @@ def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | Non
                 f"{name} image {side.path} has {source.width} x {source.height} px and had {side.width} x "
                 f"{side.height} px when it was matched; run zpm2 match again"
             )
-        return source.read() if longest is None else reduced(source, longest)
+        yield source
     finally:
         source.close()
+
+
+def _crop(source: Source, side: Side, polygon: Polygon) -> Crop:
+    """A polygon's surroundings; `source` may be a reduced version of the photograph."""
+    scale = source.width / side.width
+    rings = [ring * scale for ring in (polygon.exterior, *polygon.holes)]
+    bounds = *rings[0].min(0), *rings[0].max(0)
+    x0, y0, x1, y1 = window = crop_window(bounds, source.width, source.height)
+    reduction = max(1.0, max(x1 - x0, y1 - y0) / CROP)
+    size = max(1, round((x1 - x0) / reduction)), max(1, round((y1 - y0) / reduction))
+    factor = np.array(size) / (x1 - x0, y1 - y0)
+    return Crop(source.read(window, size), [(ring - (x0, y0)) * factor for ring in rings])

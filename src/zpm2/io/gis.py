@@ -54,6 +54,15 @@ def require_pyogrio() -> Any:
     return pyogrio
 
 
+def has_pyogrio() -> bool:
+    """Whether `require_pyogrio` finds it."""
+    try:
+        require_pyogrio()
+    except MissingDependency:
+        return False
+    return True
+
+
 def world_shapes(layer: Layer) -> NDArray[np.object_]:
     """(n,) shapely polygons in the CRS of the layer's photograph, in the order of a GIS (easting or longitude first).
 

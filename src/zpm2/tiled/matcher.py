@@ -23,6 +23,7 @@ from zpm2.errors import ConfigError, InputError
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
+from zpm2.io.gis import has_pyogrio
 from zpm2.io.images import MAX_PIXELS
 from zpm2.io.raster import Window
 from zpm2.io.source import ImageLike, Source, opened, reduced
@@ -91,7 +92,8 @@ class TiledMatcher:
             result = self._whole(*images)
             sides = [replace(side, geo=s.geo) for side, s in zip((result.left, result.right), sources, strict=True)]
             timings = {**result.timings, "read": result.timings["read"] + seconds}
-            result = replace(result, left=sides[0], right=sides[1], timings=timings)
+            warnings = [*result.warnings, *_gis_notes(sources)]
+            result = replace(result, left=sides[0], right=sides[1], timings=timings, warnings=warnings)
             return result.without_smaller(*least) if raster.min_area_m2 else result
 
     def _in_tiles(self, sources: Sequence[Source]) -> bool:
@@ -386,6 +388,18 @@ def _all(source: Source, name: str) -> Image:
             f"{name} image has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, --set tiles.mode=on"
         )
     return source.read()
+
+
+def _gis_notes(sources: Sequence[Source]) -> list[str]:
+    """What a GIS will miss."""
+    notes = [
+        f"{side} image: its reference system has no longitude and latitude: {side}.geojson is in image px"
+        for side, source in zip(SIDES, sources, strict=True)
+        if source.geo.located and not source.placed
+    ]
+    if any(source.geo.located for source in sources) and not has_pyogrio():
+        notes.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
+    return notes
 
 
 def _least(source: Source, config: Config) -> float:

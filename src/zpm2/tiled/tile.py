@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.errors import InputError, OutputError
-from zpm2.io.files import atomic_write
+from zpm2.io.files import atomic_write, output_folder
 from zpm2.io.raster import Window
 from zpm2.io.source import Source
 from zpm2.model import PointMatches, Polygon
@@ -73,11 +73,6 @@ class Kept:
     def __init__(self, folder: Path | None, key: str) -> None:
         self.folder = None if folder is None else folder / key
         self.reused = 0
-        if self.folder is not None:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise OutputError(f"cannot make the folder of tiles {self.folder}: {error.strerror}") from error
 
     def load(self, name: str, windows: Windows) -> Tile | None:
         """The tile of that name, if it is there, whole, and of these windows."""
@@ -100,6 +95,7 @@ class Kept:
             return
         data = gzip.compress(json.dumps(_to_dict(tile)).encode(), compresslevel=1, mtime=0)
         try:
+            output_folder(self.folder)
             atomic_write(self.folder / f"{name}.json.gz", data)
         except OutputError as error:
             raise OutputError(f"{error}; finished tiles are kept, run the same command again to go on") from error
