@@ -45,11 +45,23 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
+    for name, side in (("epoch1", "left"), ("epoch2", "right")):
+        georeferenced(tmp_path / f"{name}.tif", np.asarray(PIL.Image.open(getattr(pair, side))))
     boards.write(tmp_path / "photos", 4)
     monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def georeferenced(path: Path, pixels: np.ndarray) -> None:
+    """A GeoTIFF with a quarter of a metre a pixel."""
+    rasterio = pytest.importorskip("rasterio")
+    height, width, bands = pixels.shape
+    profile = {"driver": "GTiff", "dtype": "uint8", "count": bands, "width": width, "height": height}
+    place = rasterio.transform.from_origin(500000, 5000000, 0.25, 0.25)
+    with rasterio.open(path, "w", crs="EPSG:32633", transform=place, **profile) as file:
+        file.write(pixels.transpose(2, 0, 1))
 
 
 @pytest.fixture(scope="session")
@@ -100,8 +112,6 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
 def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PIL.Image.Image, "show", lambda self: None)
     quick = config.assign(config.preset("default"), ["segment.grid=4"])
-    whole = zpm2.match
-    monkeypatch.setattr("zpm2.pipeline.match", lambda left, right: whole(left, right, quick))
     monkeypatch.setitem(config.PRESETS, "default", quick)
     names: dict[str, object] = {"zpm2": zpm2, "np": np}
     for page, text in blocks("python"):

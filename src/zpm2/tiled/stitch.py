@@ -204,8 +204,10 @@ def _unite(
 
 
 def _ends(shapes: Shapes, k: int, group: list[int], tile: NDArray[np.int64], borders: Sequence[_Borders]) -> bool:
-    """Whether piece `k` touches an inner border of its window where no other piece of the group goes on."""
-    others = shapely.union_all([shapes[m] for m in group if m != k])
+    """Whether piece `k` touches an inner border of its window where no other piece of the group goes on; one that has
+    the same border there does not."""
+    inside = [shapely.intersection(shapes[m], shapely.box(*borders[tile[m]].shrunk(1.0))) for m in group if m != k]
+    others = shapely.union_all(inside)
     for strip in borders[tile[k]].strips():
         touching = shapely.intersection(shapes[k], strip)
         if touching.area > 0 and shapely.intersection(touching, others).area < COVERED * touching.area:

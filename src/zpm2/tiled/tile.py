@@ -16,7 +16,7 @@ from zpm2._version import __version__
 from zpm2.errors import InputError, OutputError
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.io.raster import Window
-from zpm2.io.source import Source
+from zpm2.io.source import Held, Source
 from zpm2.model import PointMatches, Polygon
 from zpm2.result import MatchResult, Side, points_from_dict, points_to_dict, side_from_dict, side_to_dict
 from zpm2.tiled.view import View
@@ -81,7 +81,7 @@ class Kept:
         try:
             with gzip.open(self.folder / f"{name}.json.gz") as file:
                 tile = _from_dict(json.load(file))
-        except (OSError, EOFError, zlib.error, ValueError, KeyError, TypeError, InputError):
+        except (OSError, EOFError, zlib.error, ValueError, LookupError, AttributeError, TypeError, InputError):
             return None
         if tile.windows != windows:
             return None
@@ -102,14 +102,21 @@ class Kept:
 
 
 def _identity(source: Source) -> Any:
-    if source.path is not None:
+    """Of what is in memory its content, as pixels may be given with a path and not be the file's; of a file that is
+    read by windows its place, size and time."""
+    if source.path is not None and not isinstance(source, Held):
         path = Path(source.path)
         try:
             stat = path.stat()
             return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
         except OSError:
             pass
-    return hashlib.sha256(np.ascontiguousarray(source.read().rgb).data).hexdigest()
+    image = source.read()
+    found = hashlib.sha256(repr(image.rgb.shape).encode())
+    for values in (image.rgb, image.valid):
+        if values is not None:
+            found.update(np.ascontiguousarray(values).data)
+    return found.hexdigest()
 
 
 def _to_dict(tile: Tile) -> dict[str, Any]:
