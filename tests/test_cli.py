@@ -16,6 +16,7 @@ import zpm2
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.vectorize import rasterize
 from zpm2.pipeline import PolygonMatcher
+from zpm2.tiled import TiledMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
 STAGES = ["read", "load", "points", "detect", "global", "local"]
@@ -208,12 +209,12 @@ def _cpu_sift() -> dict[str, Any]:
 def test_segmenter_names_the_model(run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[zpm2.Config] = []
 
-    def stand_in(config: zpm2.Config, **options: Any) -> PolygonMatcher:
+    def stand_in(config: zpm2.Config, **options: Any) -> TiledMatcher:
         asked.append(config)
         own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-        return PolygonMatcher(config, **{**options, "segmenter": own})
+        return TiledMatcher(config, **{**options, "segmenter": own})
 
-    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", stand_in)
+    monkeypatch.setattr("zpm2.tiled.TiledMatcher", stand_in)
     arguments = ["--segmenter", "vit_b", "--points", "sift"]
     assert run("match", pair.left, pair.right, "-o", tmp_path, *arguments).code == 0
     assert asked[0].segment.model == "vit_b"

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -256,6 +257,10 @@ def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: 
         "left_polygons": len(result.left.polygons),
         "right_polygons": len(result.right.polygons),
         "points": len(result.points),
+        "unmatched": {
+            side: dict(Counter(reasons.values()).most_common())
+            for side, reasons in (("left", result.left.unmatched), ("right", result.right.unmatched))
+        },
         "seconds": {stage: round(seconds, 2) for stage, seconds in result.timings.items()},
         "warnings": list(result.warnings),
         "out": str(out),
@@ -281,9 +286,15 @@ def _print_table(result: "MatchResult", summary: dict[str, Any], out: Path) -> N
         "read": f"{result.left.width} x {result.left.height} and {result.right.width} x {result.right.height} px",
         "detect": f"{len(result.left.polygons)} and {len(result.right.polygons)} polygons",
         "points": f"{len(result.points)} homologous points",
-        "local": f"{len(result.matches)} matches ({by_stage}), mean confidence {summary['mean_confidence']:.2f}",
+        "match" if "match" in result.timings else "local": (
+            f"{len(result.matches)} matches ({by_stage}), mean confidence {summary['mean_confidence']:.2f}"
+        ),
     }
     for stage, seconds in result.timings.items():
         table.add_row(stage, f"{seconds:.2f}", found.get(stage, ""))
     table.add_row("total", f"{sum(result.timings.values()):.2f}", f"in {out}")
-    Console().print(table)
+    console = Console()
+    console.print(table)
+    for side, counts in summary["unmatched"].items():
+        if counts:
+            console.print(f"{side} without a partner: {', '.join(f'{n} {why}' for why, n in counts.items())}")

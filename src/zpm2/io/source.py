@@ -118,7 +118,7 @@ def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (
         if bands or Path(source).suffix.lower() not in PHOTOGRAPHS:
             raise
         return Held(read_image(source, name), (), gsd)  # which has more to say about photographs
-    if raster.placed or raster.geo.located or bands or raster.width * raster.height > LARGE:
+    if raster.placed or raster.geo.transform is not None or bands or raster.width * raster.height > LARGE:
         return raster
     raster.close()
     return Held(read_image(source, name), (), gsd)

@@ -77,8 +77,10 @@ def _scale(left: PolygonArrays, carried: Carried, cell: Cell) -> float:
 
 def _spread(rows: NDArray[np.int64], places: Array, most: float) -> list[tuple[NDArray[np.int64], Array]]:
     """Those of the polygons that have a place in the right photograph, and the extent (4,) of these places; in parts of
-    at most `most` px, where relief or wrong points scatter them."""
+    at most `most` px, where relief or wrong points scatter them. A place that is half as wide by itself is none: a map
+    that is near its horizon there."""
     rows = rows[np.isfinite(places[rows]).all(1)]
+    rows = rows[(places[rows, 2:] - places[rows, :2]).max(1, initial=0) <= most / 2]
     if len(rows) == 0:
         return []
     extent = _extent(places[rows])

@@ -397,6 +397,11 @@ def _gis_notes(sources: Sequence[Source]) -> list[str]:
         for side, source in zip(SIDES, sources, strict=True)
         if source.geo.located and not source.placed
     ]
+    notes += [
+        f"{side} image: its geotransform has no reference system, results are in image px: assign the one it is in"
+        for side, source in zip(SIDES, sources, strict=True)
+        if source.geo.crs is None and source.geo.transform is not None
+    ]
     if any(source.geo.located for source in sources) and not has_pyogrio():
         notes.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
     return notes
