@@ -36,6 +36,7 @@ Carrier = tuple[PointMatches, Array | Failed]  # homologous points and H, as `ca
 MIN_VISIBLE = 0.5  # share of a carried polygon that must lie in the other image
 MIN_PIXELS = 4  # of the decoder that it must cover
 FEW_POINTS = 3  # inside a polygon, below which its carried shape needs the way back as evidence
+MASKS = 32  # at the image's resolution at a time
 MIN_RETURN = 0.5  # IoU of a polygon with the answer to its answer
 
 
@@ -181,7 +182,7 @@ def _best(answers: Answers, target: NDArray[np.bool_]) -> tuple[NDArray[np.intp]
 def _returns(view: PromptedView, answers: Answers, asked: Regions, back: Carrier, config: Config) -> Array:
     """(n,) the round trip: IoU of the region asked about with what its own image answers about the carried answer."""
     result = np.zeros(len(answers))
-    polygons, rows = outlines(view.masks(answers), config.vectorize, 1.0, (view.image.width, view.image.height))
+    polygons, rows = _traced(view, answers, config, 1.0)
     shapes = carry(PolygonArrays(polygons), *back, config.local_match.gamma).shapes
     home = _ask(asked.view, asked.view.cover(shapes), shapes, config)
     best, overlap = _best(home, asked.answers[answers.prompt[rows]].bits)
@@ -191,10 +192,24 @@ def _returns(view: PromptedView, answers: Answers, asked: Regions, back: Carrier
 
 def _regions(view: PromptedView, answers: Answers, config: Config, guided: int) -> Regions:
     """`answers` as regions; the first `guided` were asked for."""
-    segment, size = config.segment, (view.image.width, view.image.height)
-    polygons, rows = outlines(view.masks(answers), config.vectorize, segment.min_area, size)
+    segment = config.segment
+    polygons, rows = _traced(view, answers, config, segment.min_area)
     sure = answers[rows].reach(Floor(segment.min_predicted_iou, segment.min_stability))
     return Regions(view, answers[rows], polygons, sure, rows < guided)
+
+
+def _traced(
+    view: PromptedView, answers: Answers, config: Config, min_area: float
+) -> tuple[list[Polygon], NDArray[np.int64]]:
+    """The outlines of `answers`, and the row of each; a few masks at a time, as one may be as large as the image."""
+    polygons: list[Polygon] = []
+    rows, size = [np.zeros(0, np.int64)], (view.image.width, view.image.height)
+    for start in range(0, len(answers), MASKS):
+        part = np.arange(start, min(start + MASKS, len(answers)))
+        found, of = outlines(view.masks(answers[part]), config.vectorize, min_area, size)
+        polygons += [dataclasses.replace(polygon, id=len(polygons) + polygon.id) for polygon in found]
+        rows.append(part[of])
+    return polygons, np.concatenate(rows)
 
 
 def _doubtful(config: Config) -> Floor:

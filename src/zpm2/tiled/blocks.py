@@ -23,7 +23,7 @@ from zpm2.local_match.guidance import Guidance
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.tiled import windows
 from zpm2.tiled.cells import Cell
-from zpm2.tiled.view import View, view
+from zpm2.tiled.view import View, reduced_size, view
 
 Array = NDArray[np.float64]
 MARGIN = 64  # reduced px around a block's polygons: the search windows of the finest levels
@@ -60,7 +60,10 @@ def match_blocks(
             if len(partners) == 0:
                 continue
             own = _window(_extent(left.bounds[rows]), MARGIN * reductions[0], sources[0])
-            views = view(sources[0], own, reductions[0]), view(sources[1], target, reductions[1])
+            views = (
+                view(sources[0], own, reduced_size(own, reductions[0])),
+                view(sources[1], target, reduced_size(target, reductions[1])),
+            )
             possible += _block(views, polygons, guided, cell.initial, carried, rows, partners, config)
         progress((k + 1) / len(cells))
     return one_to_one(possible, config.local_match)

@@ -6,6 +6,9 @@ pair of its own (points, guided detection). Then each photograph's regions are s
 whole, in blocks (`blocks`): what a tile decided is not asked, so that a region of two tiles has one partner.
 """
 
+import contextlib
+import ctypes
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +26,7 @@ from zpm2.errors import ConfigError, InputError
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
+from zpm2.global_match.initial import AGREEING
 from zpm2.io.gis import has_pyogrio
 from zpm2.io.images import MAX_PIXELS
 from zpm2.io.raster import Window
@@ -35,10 +39,10 @@ from zpm2.tiled import tile as tiles
 from zpm2.tiled import windows
 from zpm2.tiled.blocks import match_blocks
 from zpm2.tiled.cells import carried_over, cells
-from zpm2.tiled.predict import NOISE, Partner, affine, by_georeference, coherent, partner
+from zpm2.tiled.predict import NOISE, Partner, affine, by_georeference, coherent, framed, partner
 from zpm2.tiled.stitch import Pieces, Stitched, cut_by_window, stitch
 from zpm2.tiled.tile import Kept, Tile, Windows
-from zpm2.tiled.view import View, view
+from zpm2.tiled.view import View, reduced_size, view
 
 LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles
 OVERVIEW = 2400  # px, longer side of the pixels that a result keeps
@@ -161,8 +165,11 @@ class _Run:
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
         initial = initial_geometry(points, config.global_match, config.seed)
-        if not len(points):
-            self.warnings.append("no homologous points: the photographs may not show the same scene")
+        if len(points) < AGREEING:
+            self.warnings.append(
+                f"the photographs may not show the same scene: only {len(points)} homologous points agree with their "
+                "neighbours"
+            )
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -189,7 +196,7 @@ class _Run:
             for n, window in enumerate(level_windows):
                 self.progress("tiles", (len(found) + len(here)) / total)
                 there = self._partner(level, window, points)
-                here.append(self._tile(level, f"{level}-{n}", (window, there.window if there else None), there))
+                here.append(self._tile(level, f"{level}-{n}", window, there))
             if level and self.config.tiles.outside and not self.given:
                 here += self._unseen(level, [tile.windows[1] for tile in here], other[level], len(level_windows))
             found += here
@@ -220,25 +227,38 @@ class _Run:
                 return None
         return found
 
-    def _tile(self, level: int, name: str, looked_at: Windows, there: Partner | None) -> Tile:
-        """The tile of a left window and its partner, from an earlier run or looked at now."""
+    def _tile(self, level: int, name: str, window: Window, there: Partner | None) -> Tile:
+        """A left window and its partner."""
+        if there is None:
+            return self._finished(name, (window, None), lambda looked_at: self._alone(level, looked_at))
+        right = self.sources[1].width, self.sources[1].height
+        reduction, size = self._reduction(window), self.config.tiles.size
+        if level == 0:
+            target, shown = there.window, reduced_size(there.window, windows.side(there.window) / size)
+        else:
+            target, shown = framed(there, reduction, size, self.config.tiles.overlap, right)
+        return self._finished(
+            name, (window, target), lambda looked_at: self._pair(level, looked_at, window, target, shown, -there.turn)
+        )
+
+    def _finished(self, name: str, looked_at: Windows, look: Callable[[Windows], Tile]) -> Tile:
+        """A tile from an earlier run, or looked at now, and kept."""
         tile = self.kept.load(name, looked_at)
-        if tile is not None:
-            return tile
-        tile = self._alone(level, looked_at) if there is None else self._pair(level, looked_at, there)
-        for stage, seconds in tile.seconds.items():
-            self.clock.seconds[stage] = self.clock.seconds.get(stage, 0.0) + seconds
-        self.kept.save(name, tile)
+        if tile is None:
+            tile = look(looked_at)
+            for stage, seconds in tile.seconds.items():
+                self.clock.seconds[stage] = self.clock.seconds.get(stage, 0.0) + seconds
+            self.kept.save(name, tile)
+            give_back_memory()
         return tile
 
-    def _pair(self, level: int, looked_at: Windows, there: Partner) -> Tile:
-        window = looked_at[0]
-        assert window is not None
-        reduction = self._reduction(window)
+    def _pair(
+        self, level: int, looked_at: Windows, left: Window, right: Window, shown: tuple[int, int], turn: float
+    ) -> Tile:
         with self.clock("read"):
             views = (
-                view(self.sources[0], window, reduction),
-                view(self.sources[1], there.window, reduction * there.scale, -there.turn),
+                view(self.sources[0], left, reduced_size(left, self._reduction(left))),
+                view(self.sources[1], right, shown, turn),
             )
         if not all(_has_data(each.image) for each in views):
             return self._apart(level, looked_at, views)
@@ -250,7 +270,8 @@ class _Run:
         views: list[View | None] = []
         with self.clock("read"):
             for source, window in zip(self.sources, looked_at, strict=True):
-                views.append(None if window is None else view(source, window, self._reduction(window)))
+                size = None if window is None else reduced_size(window, self._reduction(window))
+                views.append(None if window is None or size is None else view(source, window, size))
         return self._apart(level, looked_at, views)
 
     def _apart(self, level: int, looked_at: Windows, views: Sequence[View | None]) -> Tile:
@@ -265,7 +286,10 @@ class _Run:
         """What of the right photograph no left tile led to, in its own windows of that level."""
         covered = [window for window in seen if window is not None]
         lonely = [window for window in own if _uncovered(window, covered) >= UNSEEN]
-        return [self._tile(level, f"{level}-{number + k}", (None, window), None) for k, window in enumerate(lonely)]
+        return [
+            self._finished(f"{level}-{number + k}", (None, window), lambda looked_at: self._alone(level, looked_at))
+            for k, window in enumerate(lonely)
+        ]
 
     def _reduction(self, window: Window) -> float:
         return max(1.0, windows.side(window) / self.config.tiles.size)
@@ -370,6 +394,13 @@ class _NoRegions:
     def segment(self, image: Image) -> list[Mask]:
         """None."""
         return []
+
+
+def give_back_memory() -> None:
+    """Tiles leave free memory in pieces, which the GNU C library keeps unless it is told; nothing happens elsewhere."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def _weights_only(progress: Progress) -> Progress:

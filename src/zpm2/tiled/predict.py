@@ -13,10 +13,13 @@ from zpm2.model import PointMatches
 from zpm2.tiled import windows
 
 Array = NDArray[np.float64]
+MOST_SPREAD = 2.0  # of the scale that the extents of all points in both photographs lead to
 NEIGHBORS = 8  # of a point, half of which must have moved with it
 LEAST, ENOUGH = 12, 60  # points for an affine map; where a window has fewer than enough, the nearest ones help
 NOISE = 0.02  # of a window's side: how far relief moves points from an affine map
 MOST_SCALE = 8.0  # right px per left px, or the other way round, beyond which a map is no map
+STEPS = 4  # in a tile's side, of which the side of a view is a multiple
+HARDLY = 1.1  # right px per left px up to which both photographs are seen alike
 SEEN = 0.02  # share of a mapped window that must lie in the other photograph
 
 
@@ -40,7 +43,8 @@ def coherent(points: PointMatches, noise: float) -> PointMatches:
     near = near[:, 1:]
     apart = np.linalg.norm(points.left[near] - points.left[:, None], axis=2)
     away = np.linalg.norm(points.right[near] - points.right[:, None], axis=2)
-    scale = float(np.median(away[apart > 0] / apart[apart > 0])) if (apart > 0).any() else 1.0
+    spread = np.ptp(points.right, axis=0).max() / max(np.ptp(points.left, axis=0).max(), 1e-9)
+    scale = min(float(np.median(away / np.maximum(apart, 1e-9))), MOST_SPREAD * spread)  # what is random is far apart
     return points[(away <= 2 * scale * apart + noise).sum(1) * 2 >= NEIGHBORS]
 
 
@@ -101,7 +105,7 @@ def partner(
     inside = ((points.left >= [x0, y0]) & (points.left <= [x1, y1])).all(1)
     if inside.sum() >= LEAST:  # relief: what stands high or low is seen elsewhere
         reach = high - low
-        ends = np.clip(np.percentile(points.right[inside], [2, 98], axis=0), low - reach / 2, high + reach / 2)
+        ends = np.clip(np.percentile(points.right[inside], [2, 98], axis=0), low - reach / 4, high + reach / 4)
         low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
     rim = margin * (high - low)
     linear = matrix[:, :2]
@@ -112,6 +116,30 @@ def partner(
         float(np.sqrt(abs(np.linalg.det(linear)))),
         float(np.arctan2(rotation[1, 0], rotation[0, 0])),
     )
+
+
+def framed(
+    found: Partner, reduction: float, tile: int, overlap: float, size: tuple[int, int]
+) -> tuple[Window, tuple[int, int]]:
+    """The window of a partner, made square, and the (width, height) px of its view.
+
+    `reduction` is that of the left view of `tile` px; the view of the right photograph, of `size` px, has the same
+    scale, but for what is hardly another one, and never enlarges. Its side is a multiple of a quarter of `tile`, and at
+    least `tile` with `overlap` on both sides, except where the photograph is smaller: networks keep what they prepare
+    for each size of image that they see, and a few sizes cost less than many.
+    """
+    scale = 1.0 if abs(np.log(found.scale)) < np.log(HARDLY) else found.scale
+    reduction = max(1.0, reduction * scale)
+    x0, y0, x1, y1 = found.window
+    needed = max(tile * (1 + 2 * overlap), max(x1 - x0, y1 - y0) / reduction)
+    side = tile // STEPS * int(np.ceil(needed / (tile // STEPS)))
+    spans, view = [], []
+    for low, high, length in ((x0, x1, size[0]), (y0, y1, size[1])):
+        span = min(length, round(side * reduction))
+        start = min(max(0, (low + high - span) // 2), length - span)
+        spans.append((start, start + span))
+        view.append(side if span < length else min(side, max(1, round(length / reduction))))
+    return (spans[0][0], spans[1][0], spans[0][1], spans[1][1]), (view[0], view[1])
 
 
 def _rounded(low: Array, high: Array) -> Window:

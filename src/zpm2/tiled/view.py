@@ -40,11 +40,10 @@ class View:
         return from_shape(moved.shape, id, polygon.score, polygon.label)
 
 
-def view(source: Source, window: Window, reduction: float, turn: float = 0.0) -> View:
-    """The window with `reduction` px of the photograph (1 or more) for one of the view, turned by `turn` radians from x
-    to y unless that is hardly a turn. What the corners of a turned view do not show is marked as no data."""
-    x0, y0, x1, y1 = window
-    width, height = (max(1, round(side / max(reduction, 1.0))) for side in (x1 - x0, y1 - y0))
+def view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.0) -> View:
+    """The window brought to `size` (width, height) px, no larger than it is, and turned by `turn` radians from x to y,
+    unless that is hardly a turn. What the corners of a turned view do not show is marked as no data."""
+    (x0, y0, x1, y1), (width, height) = window, size
     image = source.read(window, (width, height))
     to_px = np.array([[(x1 - x0) / width, 0, x0], [0, (y1 - y0) / height, y0], [0, 0, 1.0]])
     if abs(turn) <= UPRIGHT:
@@ -58,3 +57,10 @@ def view(source: Source, window: Window, reduction: float, turn: float = 0.0) ->
     valid = np.ones((height, width), np.uint8) if image.valid is None else image.valid.astype(np.uint8)
     seen = cv2.warpAffine(valid, matrix, (wide, high), flags=cv2.INTER_NEAREST) > 0
     return View(Image(np.asarray(rgb, np.uint8), image.path, image.notes, seen), to_px @ np.linalg.inv(turned))
+
+
+def reduced_size(window: Window, reduction: float) -> tuple[int, int]:
+    """(width, height) px of a view with `reduction` px of the photograph (1 or more) for one of its own."""
+    x0, y0, x1, y1 = window
+    width, height = (max(1, round(side / max(reduction, 1.0))) for side in (x1 - x0, y1 - y0))
+    return width, height

@@ -1,0 +1,237 @@
+"""Polygons of a plane, matched block by block and as one small pair: the matches are the same."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+
+from zpm2 import geometry
+from zpm2.config import PRESETS
+from zpm2.global_match import initial_geometry, place, search_candidates
+from zpm2.io.source import Held
+from zpm2.local_match import match_polygons
+from zpm2.local_match.carry import Carried, carry, forwards
+from zpm2.local_match.guidance import Guidance
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
+from zpm2.tiled import blocks
+from zpm2.tiled.blocks import MARGIN, MOST, match_blocks
+from zpm2.tiled.cells import carried_over, cells
+
+PITCH, COLUMNS, ROWS = 88, 10, 7
+WIDTH, HEIGHT = PITCH * COLUMNS, PITCH * ROWS
+SIDE = 256
+H = np.array([[1.01, 0.03, -18.0], [-0.02, 0.99, 11.0], [1e-5, 0, 1]])
+CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
+
+
+@dataclasses.dataclass(eq=False)
+class Recorder:
+    """A source, and what was read of it."""
+
+    source: Held
+    reads: list = dataclasses.field(default_factory=list)
+
+    def __getattr__(self, name):
+        return getattr(self.source, name)
+
+    def read(self, window=None, size=None):
+        self.reads.append((window, size))
+        return self.source.read(window, size)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scene:
+    images: tuple
+    polygons: tuple
+    points: PointMatches
+    truth: dict
+
+    @property
+    def sources(self):
+        return tuple(Recorder(Held(image)) for image in self.images)
+
+
+def ring(rng, center, size):
+    n = int(rng.integers(6, 12))
+    angle = (np.arange(n) + rng.uniform(-0.35, 0.35, n)) * 2 * np.pi / n
+    return center + size * rng.uniform(0.55, 1.0, (n, 1)) * np.c_[np.cos(angle), np.sin(angle)]
+
+
+def scene(scale=1.0, seed=0, large=False):
+    """`scale`: right px per left px."""
+    rng = np.random.default_rng(seed)
+    matrix = np.diag([scale, scale, 1.0]) @ H
+    size = round(WIDTH * scale), round(HEIGHT * scale)
+    texture = sum(
+        cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), s) * s for s in (1.5, 3, 6)
+    )
+    texture = 128 + 40 * texture / texture.std()
+    shrunk = cv2.GaussianBlur(texture, (0, 0), 0.6 / scale) if scale < 1 else texture
+    pixel = CORNER @ matrix @ np.linalg.inv(CORNER)
+    right = cv2.warpPerspective(shrunk, pixel, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    images = tuple(
+        Image(np.repeat(np.clip(np.round(gray), 0, 255).astype(np.uint8)[..., None], 3, 2)) for gray in (texture, right)
+    )
+    rings = [
+        ring(rng, PITCH * (np.array([x, y]) + 0.5), rng.uniform(0.3, 0.48) * PITCH)
+        for y in range(ROWS)
+        for x in range(COLUMNS)
+    ]
+    if large:
+        rings.append(ring(rng, np.array([WIDTH, HEIGHT]) / 2, 0.45 * HEIGHT))
+    moved = {k: geometry.project(matrix, r) for k, r in enumerate(rings)}
+    moved = {k: r + rng.normal(0, 0.4 * scale, r.shape) for k, r in moved.items() if r.min() > 0 and (r < size).all()}
+    ids = dict(zip(moved, (500 + rng.permutation(len(moved))).tolist(), strict=True))
+    left = [Polygon(k, r) for k, r in enumerate(rings)]
+    right = [Polygon(ids[k], moved[k]) for k in sorted(moved, key=ids.get)]
+    xy = rng.uniform(0, (WIDTH, HEIGHT), (1500, 2))
+    uv = geometry.project(matrix, xy) + rng.normal(0, 0.3 * scale, xy.shape)
+    wrong = rng.random(len(xy)) < 0.05
+    uv[wrong] = rng.uniform((0, 0), size, (int(wrong.sum()), 2))
+    return Scene(images, (PolygonArrays(left), PolygonArrays(right)), PointMatches(xy, uv, np.ones(len(xy))), ids)
+
+
+def whole(given, config):
+    initial = initial_geometry(given.points, config.global_match, config.seed)
+    placement = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    candidates = search_candidates(*given.polygons, placement, config.global_match)
+    guidance = None
+    if config.guided.direction != "off":
+        carried = carry(given.polygons[0], *forwards(initial), config.local_match.gamma)
+        sure = tuple(np.ones(len(side), bool) for side in given.polygons)
+        guidance = Guidance(carried, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
+    local = config.local_match
+    return match_polygons(given.images, given.polygons, initial, placement, candidates, local, guidance)
+
+
+def in_blocks(given, config, side=SIDE, sources=None, guided=None, carried=None, told=lambda share: None):
+    left, right = given.polygons
+    found = list(cells(left, given.points, side, config))
+    carried = carried or carried_over(left, found, config.local_match.gamma)
+    guided = guided or (np.zeros(len(left), bool), np.zeros(len(right), bool))
+    return match_blocks(sources or given.sources, (left, right), guided, found, carried, side, config, told)
+
+
+def pairs(matches):
+    return {match.left: match.right for match in matches}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_blocks_match_what_a_whole_pair_matches(preset, scale):
+    given, config = scene(scale), PRESETS[preset]
+    matches, expected = in_blocks(given, config), whole(given, config)
+    assert len(given.truth) > 45
+    assert pairs(expected) == given.truth
+    assert pairs(matches) == given.truth
+    assert [match.left for match in matches] == sorted(given.truth)
+    costs = {m.left: m.cost for m in expected}
+    off = [abs(m.cost / costs[m.left] - 1) for m in matches]
+    assert np.median(off) < 0.05
+    shares = [np.mean([m.stage == "global" for m in of]) for of in (matches, expected)]
+    assert shares[0] >= shares[1] > 0.5  # the pyramid begins at the right places
+    for match in matches:
+        assert match.dsf == next(m.dsf for m in expected if m.left == match.left)
+
+
+def test_a_right_photograph_of_twice_the_resolution():
+    given = scene(2.0)
+    sources = given.sources
+    assert pairs(in_blocks(given, PRESETS["default"], sources=sources)) == given.truth
+    for (own, size), (window, there) in zip(sources[0].reads, sources[1].reads, strict=True):
+        reductions = (own[2] - own[0]) / size[0], (window[2] - window[0]) / there[0]
+        assert 1.8 < reductions[1] / reductions[0] < 2.2  # both views show a thing as large
+
+
+def test_a_large_polygon_is_compared_at_a_lower_resolution():
+    given = scene(large=True)
+    sources = given.sources
+    matches = in_blocks(given, PRESETS["default"], sources=sources)
+    assert pairs(matches) == given.truth
+    assert ROWS * COLUMNS in pairs(matches)
+    reduction = [round((window[2] - window[0]) / size[0]) for window, size in sources[0].reads]
+    assert 256 < np.ptp(given.polygons[0].polygons[-1].exterior, axis=0).max() <= 512
+    assert set(reduction) == {1, 2, 8}  # longer sides up to 64 px, up to 128, and up to 512
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
+def test_no_more_is_read_than_a_block_needs(scale):
+    given = scene(scale, large=True)
+    sources = given.sources
+    in_blocks(given, PRESETS["default"], sources=sources)
+    for source in sources:
+        assert len(source.reads) > 4
+        for window, size in source.reads:
+            x0, y0, x1, y1 = window
+            assert 0 <= x0 < x1 <= source.width
+            assert 0 <= y0 < y1 <= source.height
+            assert max(size) <= MOST * SIDE + 2 * MARGIN + 2
+            assert size != (source.width, source.height)
+
+
+def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts(monkeypatch):
+    monkeypatch.setattr(blocks, "MARGIN", 8)
+    given = scene()
+    found = list(cells(given.polygons[0], given.points, SIDE, PRESETS["paper"]))
+    carried = carried_over(given.polygons[0], found, 8)
+    shapes = carried.shapes.copy()
+    shapes[3] = shapely.affinity.translate(shapes[3], 540, 300)  # of one block
+    huge = shapely.affinity.scale(shapes[12], 40, 40)  # near the horizon of a wrong map
+    shapes[12] = huge.intersection(shapely.box(-1e4, -1e4, 1e4, 1e4))
+    shapes[20] = shapely.Polygon()
+    sources = given.sources
+    odd = Carried(carried.maps, shapes, carried.own)
+    matches = pairs(in_blocks(given, PRESETS["paper"], sources=sources, carried=odd))
+    for window, size in sources[1].reads:
+        assert max(size) <= MOST * SIDE + 2 * 8 + 2
+        assert window != (0, 0, WIDTH, HEIGHT)
+    others = {k: v for k, v in given.truth.items() if k not in (3, 12, 20)}
+    assert {k: v for k, v in matches.items() if k not in (3, 12, 20)} == others
+
+
+def test_a_polygon_has_one_partner_over_all_blocks():
+    """Every left polygon twice, one copy moved by a few px, so that it falls into another cell at times."""
+    given, config = scene(), PRESETS["paper"]
+    left = given.polygons[0].polygons
+    moved = [dataclasses.replace(p, id=1000 + p.id, exterior=p.exterior + np.array([6, 4])) for p in left]
+    both = dataclasses.replace(given, polygons=(PolygonArrays([*left, *moved]), given.polygons[1]))
+    matches = in_blocks(both, config)
+    assert len({match.right for match in matches}) == len(matches) == len(given.truth)
+    assert len({match.left for match in matches}) == len(matches)
+    own = [m for m in matches if given.truth.get(m.left) == m.right]
+    assert len(own) > 0.95 * len(matches)  # the copy that lies right costs less
+
+
+def test_the_same_with_cells_of_other_sides():
+    given, config = scene(seed=1), PRESETS["default"]
+    assert pairs(in_blocks(given, config, side=400)) == pairs(in_blocks(given, config, side=2048)) == given.truth
+
+
+def test_matches_of_what_was_asked_for_are_guided():
+    given, config = scene(), PRESETS["default"]
+    guided = tuple(np.zeros(len(side), bool) for side in given.polygons)
+    guided[1][:5] = True
+    matches = in_blocks(given, config, guided=guided)
+    assert {m.right for m in matches if m.stage == "guided"} == set(given.polygons[1].ids[:5].tolist())
+
+
+def test_progress_and_empty_sides():
+    given, shares = scene(), []
+    in_blocks(given, PRESETS["paper"], told=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    none = PolygonArrays([])
+    for sides in ((none, given.polygons[1]), (given.polygons[0], none), (none, none)):
+        assert in_blocks(dataclasses.replace(given, polygons=sides), PRESETS["paper"]) == []
+    assert in_blocks(dataclasses.replace(given, points=PointMatches.empty()), PRESETS["paper"]) == []
+
+
+def test_a_size_ratio_beyond_reason_is_not_compared(monkeypatch):
+    given = scene()
+    right = given.polygons[1].polygons
+    small = [dataclasses.replace(p, exterior=p.center + (p.exterior - p.center) / 20) for p in right]
+    odd = dataclasses.replace(given, polygons=(given.polygons[0], PolygonArrays(small)))
+    monkeypatch.setattr(blocks, "_block", lambda *_: pytest.fail("compared"))
+    assert in_blocks(odd, PRESETS["paper"]) == []
