@@ -48,6 +48,7 @@ LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses ti
 OVERVIEW = 2400  # px, longer side of the pixels that a result keeps
 SAME_PX = 2.0  # points of two tiles that are closer in both photographs are one
 SPARSE = 1 / 8  # of a finest tile's side: coarser points are kept where no finer one is so near
+MOST_POINTS = 10_000  # from which F and H of the whole pair are estimated
 UNSEEN = 0.25  # share of a right window that no left tile led to, from which on it is segmented alone
 PRIOR_MARGIN = 0.5  # of a mapped window's side, where georeferences alone say where it lies
 MUCH_MORE = 0.25  # share of the right photograph up to which the left one's place in it is believed from the start
@@ -157,6 +158,8 @@ class _Run:
                 config,
                 lambda share: self.progress("match", share),
             )
+            some = points[np.arange(0, len(points), len(points) // MOST_POINTS + 1)]
+            initial = initial_geometry(some, config.global_match, config.seed)
         with self.clock("explain"):
             overviews = [reduced(source, OVERVIEW) for source in self.sources]
             sides = [
@@ -164,7 +167,6 @@ class _Run:
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
-        initial = initial_geometry(points, config.global_match, config.seed)
         if len(points) < AGREEING:
             self.warnings.append(
                 f"the photographs may not show the same scene: only {len(points)} homologous points agree with their "
@@ -194,7 +196,7 @@ class _Run:
         for level, level_windows in enumerate(layout):
             here: list[Tile] = []
             for n, window in enumerate(level_windows):
-                self.progress("tiles", (len(found) + len(here)) / total)
+                self.progress("tiles", min(1.0, (len(found) + len(here)) / total))
                 there = self._partner(level, window, points)
                 here.append(self._tile(level, f"{level}-{n}", window, there))
             if level and self.config.tiles.outside and not self.given:
