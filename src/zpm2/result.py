@@ -315,6 +315,7 @@ def side_to_dict(side: Side) -> dict[str, Any]:
         "crs": side.geo.crs,
         "transform": None if side.geo.transform is None else side.geo.transform.tolist(),
         "gsd": side.geo.gsd,
+        "rpc": None if side.geo.rpc is None else dict(side.geo.rpc),
     }
     return {"path": side.path, "width": side.width, "height": side.height, **geo, "polygons": polygons}
 

@@ -386,18 +386,18 @@ def _placed(
     matrix = None if affine.is_identity else np.array(affine[:6], np.float64).reshape(2, 3)
     if matrix is not None and not (np.isfinite(matrix).all() and np.linalg.det(matrix[:, :2])):
         matrix = None
-    geo = Georeference(_crs_text(source.crs), matrix)
+    geo, rpcs = Georeference(_crs_text(source.crs), matrix), _rpcs(source)
     place: _Place | None = None
     if geo.located and _reaches_ground(by_transform := _ByTransform(source.crs, geo), width, height):
         place = by_transform
-    elif (rpcs := _rpcs(source)) and _reaches_ground(by_rpc := _ByRpc(rpcs), width, height):
+    elif rpcs is not None and _reaches_ground(by_rpc := _ByRpc(rpcs), width, height):
         place = by_rpc
         notes.append("Placed by its rational polynomial coefficients (RPC).")
     elif matrix is None and source.gcps[0]:
         notes.append("Its ground control points are not used: warp it by them first to place it.")
     if gsd is None and place is not None:
         gsd = _pixel_size(place, width, height)
-    return place, Georeference(geo.crs, geo.transform, gsd)
+    return place, Georeference(geo.crs, geo.transform, gsd, None if rpcs is None else rpcs.to_dict())
 
 
 def _crs_text(crs: Any) -> str | None:
@@ -409,7 +409,7 @@ def _crs_text(crs: Any) -> str | None:
 
 def _rpcs(source: Any) -> Any:
     try:
-        return source.rpcs
+        return source.rpcs or None
     except (KeyError, ValueError):  # some are missing or no numbers
         return None
 
