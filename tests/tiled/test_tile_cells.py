@@ -82,17 +82,24 @@ def test_each_side_of_a_scene_has_its_own_geometry():
     assert carried.own.sum() > 0
 
 
+def test_points_of_another_place_say_nothing():
+    arrays = polygons([(100, 100, 40, 30)])
+    (cell,) = cells(arrays, mosaic(500, 1, low=(3 * SIDE, 0)), SIDE, CONFIG)
+    assert len(cell.initial.points) == 0
+    assert shapely.is_empty(carried_over(arrays, [cell], 8).shapes).all()
+
+
 def test_where_points_are_few_the_nearest_ones_count():
     arrays = polygons([(100, 100, 40, 30)])
-    near, far = mosaic(150, low=(600, 600), high=(900, 900)), mosaic(500, 1, low=(3000, 0))
+    near, far = mosaic(150, low=(1.6 * SIDE, 1.6 * SIDE), high=(1.95 * SIDE, 1.95 * SIDE)), mosaic(500, 1, low=(3000, 0))
     (cell,) = cells(arrays, PointMatches.join([far, near]), SIDE, CONFIG)
     assert len(cell.initial.points) == AROUND
     assert cell.initial.points.left.max() < 900
     wanted = geometry.project(MOTIONS[0], arrays.centers)
     assert np.abs(geometry.project(cell.initial.homography, arrays.centers) - wanted).max() < 5
-    (all_there_are,) = cells(arrays, mosaic(30), SIDE, CONFIG)
+    (all_there_are,) = cells(arrays, mosaic(30, high=(SIDE, SIDE)), SIDE, CONFIG)
     assert len(all_there_are.initial.points) == 30
-    (one,) = cells(arrays, mosaic(1), SIDE, CONFIG)
+    (one,) = cells(arrays, mosaic(1, high=(SIDE, SIDE)), SIDE, CONFIG)
     assert len(one.initial.points) == 1
     assert isinstance(one.initial.homography, Failed)
 

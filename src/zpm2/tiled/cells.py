@@ -17,6 +17,7 @@ from zpm2.model import PointMatches, PolygonArrays
 
 Array = NDArray[np.float64]
 AROUND = 100  # points nearest to a cell that has fewer of its own
+FARTHEST = 1.5  # cells, from the middle of one to the points that speak for it
 MOST = 2000  # points of a cell that its geometry is estimated from
 
 
@@ -34,7 +35,7 @@ def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Conf
     `side` px, and those of one reduction in cells of `side` reduced px.
 
     A cell's geometry comes from the points within half a cell of it; where these are fewer than 100, from the 100
-    nearest ones.
+    nearest ones, but not from farther than a whole cell: what lies there says nothing about this place.
     """
     if len(polygons) == 0:
         return
@@ -50,8 +51,8 @@ def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Conf
         if tree is not None:
             near = np.array(sorted(tree.query_ball_point(middle, reach, p=np.inf)), np.int64)
             if len(near) < AROUND:
-                _, near = tree.query(middle, k=min(AROUND, len(points)))
-                near = np.sort(np.atleast_1d(near))
+                _, near = tree.query(middle, k=AROUND, p=np.inf, distance_upper_bound=FARTHEST * reach)
+                near = np.sort(near[near < len(points)])
         yield Cell(rows, int(name[0]), local_geometry(points[near], config))
 
 
