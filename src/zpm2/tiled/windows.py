@@ -6,7 +6,7 @@ from zpm2.config import TilesConfig
 from zpm2.io.raster import Window
 
 STEP = 3  # width of a level's tiles, in tiles of the next finer one
-NEARLY = 1.5  # a level whose tiles are nearly as wide as the photograph brings nothing
+NEARLY = 1.25  # a level whose tiles are nearly as wide as the photograph brings nothing
 
 
 def levels(width: int, height: int, config: TilesConfig) -> list[list[Window]]:
