@@ -19,6 +19,7 @@ at least 0.5; ACR is the area of the matched left polygons over that of the true
 """
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
@@ -140,7 +141,7 @@ class Photograph:
 
 def pairs_of(left: Features, right: Features, turn: float | None = None) -> NDArray[np.int64]:
     """(k, 2) rows of features that are each other's nearest and pass the ratio test; of those that are turned by about
-    `turn`, where it is given: what a mosaic shows mirrored both ways is no rival then."""
+    `turn`, where it is given: what is turned otherwise is no rival then."""
     if len(left) == 0 or len(right) < 2:
         return np.zeros((0, 2), np.int64)
     near, best = np.zeros(len(left), np.int64), np.zeros(len(left), bool)
@@ -187,16 +188,31 @@ class Check:
         self.sources = sources
         self.left, self.right = Photograph(sources[0]), Photograph(sources[1])
         self.cells = [None if s.path is None else mosaic.cell_of(s.path) for s in sources]
-        longest = max(max(source.width, source.height) for source in sources)
-        self.reduction = _power(longest / COARSE)
-        photographs, whole = (self.left, self.right), (np.zeros(2), np.full(2, np.inf))
-        every = [p.features(*whole, self.reduction).strongest(SQUARE * self.reduction, STRONGEST) for p in photographs]
+        boxes = self._boxes()
+        self.reduction = _power(max(float((high - low).max()) for low, high in boxes) / COARSE)
+        found = [self._alike(low, high) for low, high in boxes]
+        self.coarse = tuple(np.concatenate([pair[k] for pair in found]) for k in range(2))
+
+    def _boxes(self) -> list[tuple[Array, Array]]:
+        """Corners of what is compared as a whole: the photographs, or each cell of mosaics, which repeat themselves."""
+        size = np.array([(s.width, s.height) for s in self.sources]).max(0)
+        if self.cells[0] is None:
+            return [(np.zeros(2), size)]
+        cell = np.array(self.cells[0])
+        corners = itertools.product(range(0, size[0], cell[0]), range(0, size[1], cell[1]))
+        return [(np.array(low), np.minimum(low + cell, size)) for low in corners]
+
+    def _alike(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """(k, 2) left and right px of coarse features that match, in the turn that most of them have."""
+        every = [
+            photograph.features(low, high, self.reduction).strongest(SQUARE * self.reduction, STRONGEST)
+            for photograph in (self.left, self.right)
+        ]
         rows = pairs_of(every[0], every[1])
         turns = every[1].angle[rows[:, 1]] - every[0].angle[rows[:, 0]]
         count, edges = np.histogram(np.mod(turns + np.pi / 36, 2 * np.pi), 36, (0, 2 * np.pi))
-        self.turn = float(edges[count.argmax()])
-        rows = pairs_of(every[0], every[1], self.turn)
-        self.coarse = every[0].points[rows[:, 0]], every[1].points[rows[:, 1]]
+        rows = pairs_of(every[0], every[1], float(edges[count.argmax()]))
+        return every[0].points[rows[:, 0]], every[1].points[rows[:, 1]]
 
     def evidence(self, polygon: Polygon) -> Evidence:
         """For one left polygon."""
