@@ -91,7 +91,8 @@ def test_points_of_another_place_say_nothing():
 
 def test_where_points_are_few_the_nearest_ones_count():
     arrays = polygons([(100, 100, 40, 30)])
-    near, far = mosaic(150, low=(1.6 * SIDE, 1.6 * SIDE), high=(1.95 * SIDE, 1.95 * SIDE)), mosaic(500, 1, low=(3000, 0))
+    near = mosaic(150, low=(1.6 * SIDE, 1.6 * SIDE), high=(1.95 * SIDE, 1.95 * SIDE))
+    far = mosaic(500, 1, low=(3000, 0))
     (cell,) = cells(arrays, PointMatches.join([far, near]), SIDE, CONFIG)
     assert len(cell.initial.points) == AROUND
     assert cell.initial.points.left.max() < 900
