@@ -29,6 +29,21 @@ def project(homography: Array, points: Array) -> Array:
         return np.where(w * np.sign(homography[2, 2] or 1.0) > 1e-12, p[:, :2] / w, np.nan)
 
 
+def turn_image(width: int, height: int, angle: float) -> tuple[Array, tuple[int, int]]:
+    """(3, 3) map that turns an image by `angle` radians from x to y, px to px of the result, and the (width, height) px
+    of the smallest result that holds all of it."""
+    c, s = np.cos(angle).round(12), np.sin(angle).round(12)
+    wide, high = int(np.ceil(width * abs(c) + height * abs(s))), int(np.ceil(width * abs(s) + height * abs(c)))
+    matrix = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    matrix[:2, 2] = np.array([wide, high]) / 2 - matrix[:2, :2] @ [width / 2, height / 2]
+    return matrix, (wide, high)
+
+
+def for_opencv(matrix: Array) -> Array:
+    """(3, 3) map between px with centres at +0.5 -> the same between px with centres at 0, as OpenCV warps."""
+    return np.asarray(np.linalg.inv(HALF_PIXEL) @ matrix @ HALF_PIXEL)
+
+
 def homography_jacobian(homography: Array, points: Array) -> Array:
     """(n, 2, 2) derivative of `project` at each point: the local affine part of a homography."""
     p = homogeneous(points) @ homography.T

@@ -92,13 +92,9 @@ def _view(image: Image, size: int, angle: int) -> tuple[Image, NDArray[np.float6
     rgb: NDArray[Any] = image.rgb
     if factor < 1:
         rgb = cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA)
-    c, s = np.cos(np.radians(angle)).round(12), np.sin(np.radians(angle)).round(12)
-    wide, high = int(np.ceil(width * abs(c) + height * abs(s))), int(np.ceil(width * abs(s) + height * abs(c)))
-    turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    turned[:2, 2] = np.array([wide, high]) / 2 - turned[:2, :2] @ [width / 2, height / 2]
+    turned, size_turned = geometry.turn_image(width, height, np.radians(angle))
     if angle:
-        matrix = (np.linalg.inv(geometry.HALF_PIXEL) @ turned @ geometry.HALF_PIXEL)[:2]
-        rgb = cv2.warpAffine(rgb, matrix, (wide, high), flags=cv2.INTER_LINEAR)
+        rgb = cv2.warpAffine(rgb, geometry.for_opencv(turned)[:2], size_turned, flags=cv2.INTER_LINEAR)
     scale = np.diag([image.width / width, image.height / height, 1.0])
     return Image(np.asarray(rgb, np.uint8)), scale @ np.linalg.inv(turned)
 

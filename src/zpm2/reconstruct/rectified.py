@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.stereo import Rig
 from zpm2.errors import Failed
-from zpm2.geometry import HALF_PIXEL, homogeneous
+from zpm2.geometry import for_opencv, homogeneous
 from zpm2.model import Camera, Image, PosedCamera
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class RectifiedViews:
         return self._drawn(left, 0), self._drawn(right, 1)
 
     def _drawn(self, image: Image, side: int) -> Image:
-        matrix = np.linalg.inv(HALF_PIXEL) @ self.homographies[side] @ HALF_PIXEL
+        matrix = for_opencv(self.homographies[side])
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         return Image(np.asarray(cv2.warpPerspective(image.rgb, matrix, self.rig.left.size, flags=how), np.uint8))
 

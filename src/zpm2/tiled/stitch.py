@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from zpm2.detect.vectorize import from_shape, with_parents
 from zpm2.io.raster import Window
+from zpm2.local_match.rectify import overlaps
 from zpm2.model import Polygon
 
 Array = NDArray[np.float64]
@@ -73,7 +74,9 @@ def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: flo
     kept = suppress(everything, np.lexsort((-scores, is_united, -levels)), nms_iou)
     kept = np.sort(kept[shapely.area(everything[kept]) >= min_area])
     polygons = [
-        from_shape(everything[row], k, float(scores[row]), None if is_united[row] else _label(pieces, whole[row]))
+        from_shape(
+            everything[row], k, float(scores[row]), None if is_united[row] else pieces.polygons[whole[row]].label
+        )
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
@@ -103,7 +106,7 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
     shared = np.clip(np.minimum(box[i, 2:], box[j, 2:]) - np.maximum(box[i, :2], box[j, :2]), 0, None).prod(1)
     keep = shared > threshold / (1 + threshold) * (area[i] + area[j])  # the intersection is no larger
     i, j = i[keep], j[keep]
-    same = iou(shapes[i], shapes[j]) > threshold
+    same = overlaps(shapes[i], shapes[j]) > threshold
     i, j = i[same], j[same]
     by_rank = np.argsort(rank[i], kind="stable")
     alive = np.ones(n, bool)
@@ -111,12 +114,6 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
         if alive[a]:
             alive[b] = False
     return order[alive[order]]
-
-
-def iou(first: Shapes, second: Shapes) -> Array:
-    """(n,) of polygons, pair by pair; 0 for two empty ones."""
-    shared = shapely.area(shapely.intersection(first, second))
-    return np.asarray(shared / np.maximum(shapely.area(first) + shapely.area(second) - shared, 1e-300))
 
 
 class _Borders:
@@ -153,7 +150,7 @@ def _explained(
     window = _array([border.box for border in borders])[tile[rest[i]]]
     seen = shapely.intersection(shapes[whole[j]], window)
     found = np.zeros(len(rest), bool)
-    found[i[iou(shapes[rest[i]], seen) >= AGREE]] = True
+    found[i[overlaps(shapes[rest[i]], seen) >= AGREE]] = True
     return found
 
 
@@ -172,7 +169,7 @@ def _groups(
     a, b = a[keep], b[keep]
     boxes = _array([border.box for border in borders])
     strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
-    alike = iou(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
+    alike = overlaps(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
     order = np.argsort(-alike, kind="stable")
     order = order[alike[order] >= AGREE]
     group: dict[int, list[int]] = {}
@@ -218,10 +215,6 @@ def _ends(shapes: Shapes, k: int, group: list[int], tile: NDArray[np.int64], bor
 def _largest(shape: shapely.Geometry) -> shapely.Polygon:
     parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     return max(parts, key=lambda part: part.area, default=shapely.Polygon())
-
-
-def _label(pieces: Pieces, row: int) -> str | None:
-    return pieces.polygons[row].label
 
 
 def _array(shapes: Sequence[shapely.Geometry]) -> Shapes:

@@ -135,12 +135,18 @@ def _to_dict(tile: Tile) -> dict[str, Any]:
 
 def _from_dict(content: Mapping[str, Any]) -> Tile:
     sides = content["sides"]
-    windows = [None if side["window"] is None else tuple(map(int, side["window"])) for side in sides]
     return Tile(
         int(content["level"]),
-        (windows[0], windows[1]),  # type: ignore[arg-type]
+        (_window(sides[0]["window"]), _window(sides[1]["window"])),
         (side_from_dict(sides[0]).polygons, side_from_dict(sides[1]).polygons),
         np.array(content["guided"], np.int64).reshape(-1, 2),
         points_from_dict(content["points"]),
         {stage: float(seconds) for stage, seconds in content["seconds"].items()},
     )
+
+
+def _window(values: Any) -> Window | None:
+    if values is None:
+        return None
+    x0, y0, x1, y1 = map(int, values)
+    return x0, y0, x1, y1

@@ -48,14 +48,11 @@ def view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.
     to_px = np.array([[(x1 - x0) / width, 0, x0], [0, (y1 - y0) / height, y0], [0, 0, 1.0]])
     if abs(turn) <= UPRIGHT:
         return View(image, to_px)
-    c, s = math.cos(turn), math.sin(turn)
-    turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    wide, high = math.ceil(width * abs(c) + height * abs(s)), math.ceil(width * abs(s) + height * abs(c))
-    turned[:2, 2] = np.array([wide, high]) / 2 - turned[:2, :2] @ [width / 2, height / 2]
-    matrix = (np.linalg.inv(geometry.HALF_PIXEL) @ turned @ geometry.HALF_PIXEL)[:2]
-    rgb = cv2.warpAffine(image.rgb, matrix, (wide, high), flags=cv2.INTER_LINEAR)
+    turned, whole = geometry.turn_image(width, height, turn)
+    matrix = geometry.for_opencv(turned)[:2]
+    rgb = cv2.warpAffine(image.rgb, matrix, whole, flags=cv2.INTER_LINEAR)
     valid = np.ones((height, width), np.uint8) if image.valid is None else image.valid.astype(np.uint8)
-    seen = cv2.warpAffine(valid, matrix, (wide, high), flags=cv2.INTER_NEAREST) > 0
+    seen = cv2.warpAffine(valid, matrix, whole, flags=cv2.INTER_NEAREST) > 0
     return View(Image(np.asarray(rgb, np.uint8), image.path, image.notes, seen), to_px @ np.linalg.inv(turned))
 
 
