@@ -46,12 +46,15 @@ def for_opencv(matrix: Array) -> Array:
 
 def homography_jacobian(homography: Array, points: Array) -> Array:
     """(n, 2, 2) derivative of `project` at each point: the local affine part of a homography."""
-    p = homogeneous(points) @ homography.T
-    w = p[:, 2]
-    x, y = p[:, 0] / w, p[:, 1] / w
-    rows_x = (homography[0, :2] - x[:, None] * homography[2, :2]) / w[:, None]
-    rows_y = (homography[1, :2] - y[:, None] * homography[2, :2]) / w[:, None]
-    return np.stack([rows_x, rows_y], axis=1)
+    return linearised(np.broadcast_to(homography, (len(points), 3, 3)), points)[1]
+
+
+def linearised(homographies: Array, points: Array) -> tuple[Array, Array]:
+    """(n, 2) where (n, 3, 3) homographies carry (n, 2) points, each its own, and (n, 2, 2) their derivatives there."""
+    p = np.einsum("nij,nj->ni", homographies, homogeneous(points))
+    w = p[:, 2:]
+    at = p[:, :2] / w
+    return at, (homographies[:, :2, :2] - at[:, :, None] * homographies[:, 2:, :2]) / w[:, :, None]
 
 
 def epipolar_lines(fundamental: Array, left: Array) -> Array:

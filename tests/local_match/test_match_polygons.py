@@ -133,8 +133,8 @@ def test_empty_sides():
 def test_without_places_the_second_round_does_it_all(off):
     given = scene(NEAR)
     initial = initial_geometry(given.points, PAPER.global_match, 0)
-    n = len(given.polygons[0])
-    nowhere = Placement(given.polygons[0].centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool))
+    n, centers = len(given.polygons[0]), given.polygons[0].centers
+    nowhere = Placement(centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool), initial.expected(centers))
     none = Candidates.of(np.zeros(0, np.int64), np.zeros(0, np.int64))
     matches = match_polygons(given.images, given.polygons, initial, nowhere, none, PAPER.local_match)
     assert {match.stage for match in matches} == {"local"}

@@ -148,11 +148,12 @@ def test_placed_maps_put_the_centre_to_its_place():
     homography, _ = random_map(rng, np.array([200.0, 150.0]), 900.0)
     homography /= homography[2, 2]
     places = np.array([[90.0, 77.0], [310.0, 190.0]])
-    placement = Placement(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool))
     each = Candidates(np.arange(2), np.arange(2))
     for h in (homography, Failed("none")):
         initial = InitialGeometry(PointMatches.empty(), Failed("none"), h, np.zeros(0, bool), np.zeros(0, bool))
-        matrices = placed_maps(each, polygons, placement, initial)
+        expected_by_h = initial.expected(polygons.centers)
+        placement = Placement(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool), expected_by_h)
+        matrices = placed_maps(each, polygons, placement)
         for k in range(2):
             center = polygons.centers[k]
             assert mapped(matrices[k], center[None])[0] == pytest.approx(places[k])

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from zpm2 import geometry
-from zpm2.config import PRESETS
+from zpm2.config import PRESETS, GuidedConfig
 from zpm2.global_match import initial_geometry, place, search_candidates
 from zpm2.io.source import Held
 from zpm2.local_match import match_polygons
@@ -16,7 +16,7 @@ from zpm2.local_match.carry import Carried, carry, forwards
 from zpm2.local_match.guidance import Guidance
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 from zpm2.tiled import blocks
-from zpm2.tiled.blocks import MARGIN, MOST, match_blocks
+from zpm2.tiled.blocks import MARGIN, MOST, layers, match_blocks
 from zpm2.tiled.cells import carried_over, cells
 
 PITCH, COLUMNS, ROWS = 88, 10, 7
@@ -202,6 +202,39 @@ def test_a_polygon_has_one_partner_over_all_blocks():
     assert len({match.left for match in matches}) == len(matches)
     own = [m for m in matches if given.truth.get(m.left) == m.right]
     assert len(own) > 0.95 * len(matches)  # the copy that lies right costs less
+
+
+@pytest.mark.parametrize("guided", ["off", "both"])
+def test_two_geometries_in_one_cell(guided):
+    """The right half of the scene moves 150 px farther; no H holds for both halves, but each polygon has points around it."""
+    given, config = scene(), dataclasses.replace(PRESETS["default"], guided=GuidedConfig(direction=guided))
+    x, jump = WIDTH / 2, np.array([0.0, 150.0])
+    size = HEIGHT + int(jump[1]), WIDTH, 3
+    pixels = np.zeros(size, np.uint8)
+    border = round(float(geometry.project(H, np.array([[x, HEIGHT / 2]]))[0, 0]))
+    pixels[:HEIGHT, :border] = given.images[1].rgb[:, :border]
+    pixels[-HEIGHT:, border:] = given.images[1].rgb[:, border:]
+    left, right = given.polygons
+    there = PolygonArrays(
+        [dataclasses.replace(p, exterior=p.exterior + (p.center[0] > border) * jump) for p in right.polygons]
+    )
+    away = np.where(given.points.left[:, :1] > x, jump, 0.0)
+    points = PointMatches(given.points.left, given.points.right + away, given.points.score)
+    around = ~shapely.contains_xy(shapely.union_all(left.shapes), points.left)
+    points = points[np.flatnonzero(around)]
+    odd = Scene((given.images[0], Image(pixels)), (left, there), points, given.truth)
+    matches = pairs(in_blocks(odd, config, side=2048))
+    clear = np.abs(left.centers[:, 0] - x) > PITCH  # of the border, which cuts polygons
+    truth = {k: v for k, v in given.truth.items() if clear[k]}
+    assert len(truth) > 35
+    assert {k: v for k, v in matches.items() if clear[k]} == truth
+
+
+def test_the_search_begins_as_wide_as_neighbours_are_wrong():
+    config = PRESETS["paper"].global_match
+    assert [layers(px, config) for px in (0, 17, 18, 52, 53, 157, 158, 1e9, np.inf)] == [1, 1, 2, 2, 3, 3, 4, 10, 10]
+    few = dataclasses.replace(config, max_layers=2)
+    assert layers(np.inf, few) == 2
 
 
 def test_the_same_with_cells_of_other_sides():

@@ -14,6 +14,14 @@ AGREEING, AGREEING_SHARE = 20, 0.15  # points, and share of them, from which a g
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """Where n left polygons should be in the right image, before the pyramid looks."""
+
+    centers: NDArray[np.float64]  # (n, 2) right image px; NaN where there is no saying
+    linear: NDArray[np.float64]  # (n, 2, 2) the local affine part of the map that leads there
+
+
+@dataclass(frozen=True, eq=False)
 class InitialGeometry:
     """What the homologous points say about the pair as a whole.
 
@@ -26,6 +34,13 @@ class InitialGeometry:
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
     consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
     planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
+
+    def expected(self, centers: NDArray[np.float64]) -> Expected:
+        """The (n, 2) centres of left polygons through H; where they are, if there is none."""
+        if isinstance(self.homography, Failed):
+            return Expected(centers.copy(), np.tile(np.eye(2), (len(centers), 1, 1)))
+        linear = geometry.homography_jacobian(self.homography, centers)
+        return Expected(geometry.project(self.homography, centers), linear)
 
     @property
     def agreeing(self) -> int:

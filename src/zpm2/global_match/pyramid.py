@@ -19,6 +19,7 @@ window found at one level, mapped down, is the next level's search window. Where
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from scipy import fft
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match.initial import InitialGeometry
+from zpm2.global_match.initial import Expected, InitialGeometry
 from zpm2.model import Image
 from zpm2.sampling import bilinear, pyramid
 
@@ -42,7 +43,8 @@ class Placement:
     centers: Array  # (n, 2) image px of the right image, sub-pixel; NaN where not even H gives a place
     found: NDArray[np.bool_]  # (n,) the full-resolution level confirmed the place by correlation
     correlation: Array  # (n,) NCC at the finest level that correlated, -1..1; 0 where none did
-    outside: NDArray[np.bool_]  # (n,) the predicted place is not in the right image
+    outside: NDArray[np.bool_]  # (n,) the expected place is not in the right image
+    expected: Expected  # where the search began
 
 
 def level_count(width: int, height: int, config: GlobalConfig) -> int:
@@ -54,23 +56,28 @@ def level_count(width: int, height: int, config: GlobalConfig) -> int:
     return count
 
 
-def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry, config: GlobalConfig) -> Placement:
-    """Carry the (n, 2) centres of left polygons, image px, to the right image by Algorithm 1."""
+def place(
+    left: Image,
+    right: Image,
+    centers: Array,
+    initial: InitialGeometry,
+    config: GlobalConfig,
+    expected: Expected | None = None,
+) -> Placement:
+    """Carry the (n, 2) centres of left polygons, image px, to the right image by Algorithm 1, from where they are
+    `expected` on: where H leads, if nothing better is known."""
     n = len(centers)
-    if isinstance(geometry_.homography, Failed):
-        predicted, jacobian = centers.copy(), np.broadcast_to(np.eye(2), (n, 2, 2))
-    else:
-        predicted = geometry.project(geometry_.homography, centers)
-        jacobian = geometry.homography_jacobian(geometry_.homography, centers)
+    expected = initial.expected(centers) if expected is None else expected
+    predicted, jacobian = expected.centers.copy(), expected.linear
     outside = np.logical_not((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
     found, correlation = np.zeros(n, bool), np.zeros(n)
     if config.search == "fixed":
-        return Placement(predicted, found, correlation, outside)
+        return Placement(predicted, found, correlation, outside, expected)
     levels = level_count(left.width, left.height, config)
     left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
     lines = None
-    if not isinstance(geometry_.fundamental, Failed):
-        lines = geometry.epipolar_lines(geometry_.fundamental, centers)
+    if not isinstance(initial.fundamental, Failed):
+        lines = geometry.epipolar_lines(initial.fundamental, centers)
     active = np.flatnonzero(np.isfinite(predicted).all(1) & np.isfinite(jacobian).all((1, 2)))
     window = 2 * config.tau
     for level in range(levels, -1, -1):
@@ -92,7 +99,7 @@ def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry,
             correlation[rows] = np.where(ok, score, correlation[rows])
             found[rows] = ok
         window = config.phi * config.factor
-    return Placement(predicted, found, correlation, outside)
+    return Placement(predicted, found, correlation, outside, expected)
 
 
 def _search(
@@ -152,26 +159,32 @@ def sample_templates(image: NDArray[np.float32], centers: Array, jacobian: Array
 def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array:
     """Normalised cross-correlation (Eq. R) of each template with each position of its own search area.
 
-    (m, s, s) and (m, t, t) -> (m, s - t + 1, s - t + 1), -1..1; 0 where an area has no texture. By FFT, in double
-    precision after taking out each area's mean.
+    (m, s, s) and (m, t, t) -> (m, s - t + 1, s - t + 1), -1..1; 0 where an area has no texture. By FFT, after
+    taking out each area's mean.
     """
     t = template.shape[-1]
     positions = area.shape[-1] - t + 1
-    levelled = area.astype(np.float64) - area.mean((1, 2), keepdims=True)
-    centred = template.astype(np.float64) - template.mean((1, 2), keepdims=True)
+    levelled = area - area.mean((1, 2), keepdims=True)
+    centred = template - template.mean((1, 2), keepdims=True)
     size = fft.next_fast_len(area.shape[-1], real=True)
     product = fft.rfft2(levelled, (size, size)) * np.conj(fft.rfft2(centred, (size, size)))
     numerator = fft.irfft2(product, (size, size))[:, :positions, :positions]
-    total, squares = _box_sums(levelled, t), _box_sums(levelled**2, t)
+    total, squares = _box_sums(levelled, t)
     energy = np.maximum(squares - total**2 / t**2, 0.0) * (centred**2).sum((1, 2))[:, None, None]
     floor = (t * t) ** 2 * 1e-6  # a thousandth of a grey level on either side
     return np.clip(np.where(energy > floor, numerator / np.sqrt(np.maximum(energy, floor)), 0.0), -1.0, 1.0)
 
 
-def _box_sums(values: Array, t: int) -> Array:
-    total = np.zeros((len(values), values.shape[1] + 1, values.shape[2] + 1))
-    np.cumsum(np.cumsum(values, axis=1), axis=2, out=total[:, 1:, 1:])
-    return np.asarray(total[:, t:, t:] - total[:, :-t, t:] - total[:, t:, :-t] + total[:, :-t, :-t])
+def _box_sums(values: NDArray[np.float32], t: int) -> tuple[Array, Array]:
+    """Sums of the values, and of their squares, in each t x t box of (m, s, s) areas, of all of them in one picture:
+    boxes over the border between two are cut off."""
+    m, s, _ = values.shape
+    picture, n = values.reshape(m * s, s), s - t + 1
+    total, squares = (
+        np.asarray(each(picture, cv2.CV_64F, (t, t), anchor=(0, 0), normalize=False)).reshape(m, s, s)[:, :n, :n]
+        for each in (cv2.boxFilter, cv2.sqrBoxFilter)
+    )
+    return total, squares
 
 
 def subpixel_peaks(score: Array) -> tuple[Array, Array]:

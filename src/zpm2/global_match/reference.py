@@ -25,7 +25,8 @@ def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry,
     levels = level_count(left.width, left.height, config)
     x_pyramid, y_pyramid = pyramid(left.gray, levels, config.factor), pyramid(right.gray, levels, config.factor)
     n = len(centers)
-    result = Placement(np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool))
+    start = geometry_.expected(centers)
+    result = Placement(np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool), start)
     for i, c in enumerate(centers):
         at, jacobian = _predict(c, geometry_)
         result.outside[i] = not (0 <= at[0] < right.width and 0 <= at[1] < right.height)

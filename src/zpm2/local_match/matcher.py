@@ -9,9 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2 import geometry
 from zpm2.config import LocalConfig
-from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.local_match import assignment, rectify, shape, texture
 from zpm2.local_match.confidence import UNSUPPORTED, confidence
@@ -55,7 +53,7 @@ class _Evaluator:
         self.initial, self.placement, self.config = initial, placement, config
         self.support: Support = support(initial.points, self.left, self.right)
         each = np.arange(len(self.left))
-        maps = rectify.placed_maps(Candidates(each, each), self.left, placement, initial)
+        maps = rectify.placed_maps(Candidates(each, each), self.left, placement)
         maps[~np.isfinite(maps).all((1, 2))] = np.eye(3)
         frames = rectify.rectified_shapes(self.left, each, maps)
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
@@ -97,7 +95,7 @@ class _Evaluator:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
         point on, the placed map otherwise."""
         points = self.initial.points
-        matrices = rectify.placed_maps(pairs, self.left, placement, self.initial)
+        matrices = rectify.placed_maps(pairs, self.left, placement)
         matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
         some = np.flatnonzero(dsf > 0)
         if len(some) == 0:
@@ -206,7 +204,7 @@ def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:
 def _second_round(evaluator: _Evaluator, matched: Candidates) -> Evidence:
     """Evidence of new pairs among the polygons that the first round left unmatched.
 
-    They are put where H and the motion that it does not explain, taken from the matched neighbours, lead. Candidates
+    They are put where they are expected, moved as the matched neighbours are from there. Candidates
     are the right polygons there and those that share homologous points.
     """
     left, right, known = evaluator.left, evaluator.right, evaluator.support
@@ -215,8 +213,7 @@ def _second_round(evaluator: _Evaluator, matched: Candidates) -> Evidence:
     i, j = known.pairs.left, known.pairs.right
     placement, rows = evaluator.placement, np.flatnonzero(free_left)
     if len(matched) and len(rows):
-        homography = evaluator.initial.homography
-        predicted = left.centers if isinstance(homography, Failed) else geometry.project(homography, left.centers)
+        predicted = placement.expected.centers
         motion = right.centers[matched.right] - predicted[matched.left]
         _, near = cKDTree(left.centers[matched.left]).query(left.centers[rows], k=min(NEIGHBORS, len(matched)))
         center = predicted.copy()

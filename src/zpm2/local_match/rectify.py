@@ -9,8 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.errors import Failed
-from zpm2.global_match import Candidates, InitialGeometry, Placement
+from zpm2.global_match import Candidates, Placement
 from zpm2.model import PointMatches, PolygonArrays
 
 Array = NDArray[np.float64]
@@ -19,13 +18,10 @@ STEPS = 7  # of reweighting
 PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
 
 
-def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement, initial: InitialGeometry) -> Array:
-    """(c, 3, 3) maps from the pyramid alone, right ~ map @ left: centre to place, with the local affine part of H
-    (identity where there is no H)."""
-    center = left.centers[candidates.left]
-    jacobian = np.broadcast_to(np.eye(2), (len(candidates), 2, 2))
-    if not isinstance(initial.homography, Failed):
-        jacobian = geometry.homography_jacobian(initial.homography, center)
+def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement) -> Array:
+    """(c, 3, 3) maps from the pyramid alone, right ~ map @ left: centre to place, with the local affine part of the map
+    that led there."""
+    center, jacobian = left.centers[candidates.left], placement.expected.linear[candidates.left]
     matrices = np.zeros((len(candidates), 3, 3))
     matrices[:, :2, :2] = jacobian
     matrices[:, :2, 2] = placement.centers[candidates.left] - np.einsum("nij,nj->ni", jacobian, center)

@@ -5,16 +5,17 @@ Time grows with the number of blocks, hence of polygons, not with the pixels of 
 is as in a small pair: the search windows of the pyramid follow from the size of the block's images.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.config import Config
+from zpm2 import geometry
+from zpm2.config import Config, GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match import InitialGeometry, place, search_candidates
+from zpm2.global_match import Expected, InitialGeometry, place, search_candidates
 from zpm2.io.raster import Window
 from zpm2.io.source import Source
 from zpm2.local_match import one_to_one, possible_matches
@@ -64,9 +65,21 @@ def match_blocks(
                 view(sources[0], own, reduced_size(own, reductions[0])),
                 view(sources[1], target, reduced_size(target, reductions[1])),
             )
-            possible += _block(views, polygons, guided, cell.initial, carried, rows, partners, config)
+            search = replace(config.global_match, max_layers=layers(cell.spread / reductions[1], config.global_match))
+            possible += _block(
+                views, polygons, guided, cell.initial, carried, rows, partners, replace(config, global_match=search)
+            )
         progress((k + 1) / len(cells))
     return one_to_one(possible, config.local_match)
+
+
+def layers(spread: float, config: GlobalConfig) -> int:
+    """Of the pyramid, so many that the first search window reaches `spread` px of the block's right image: where
+    neighbours say well where a polygon is, the search begins near to it."""
+    reach, count = config.tau - config.phi / 2, 1
+    while reach < spread and count < config.max_layers:
+        reach, count = reach * config.factor, count + 1
+    return count
 
 
 def _scale(left: PolygonArrays, carried: Carried, cell: Cell) -> float:
@@ -112,15 +125,16 @@ def _block(
         for arrays, some, matrix in zip(polygons, (rows, partners), to_view, strict=True)
     )
     initial, guidance = _reduced(initial, to_view), None
+    maps = to_view[1] @ carried.maps[rows] @ views[0].to_px
     if config.guided.direction != "off":
         shapes = shapely.transform(carried.shapes[rows], lambda xy: _apply(to_view[1], xy))
-        maps = to_view[1] @ carried.maps[rows] @ views[0].to_px
         asked = guided[0][rows], guided[1][partners]
         guidance = Guidance(
             Carried(maps, shapes, carried.own[rows]), (~asked[0], ~asked[1]), asked, config.guided.min_match_overlap
         )
     images = views[0].image, views[1].image
-    placement = place(*images, left.centers, initial, config.global_match)
+    expected = Expected(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
+    placement = place(*images, left.centers, initial, config.global_match, expected)
     candidates = search_candidates(left, right, placement, config.global_match)
     return possible_matches(images, (left, right), initial, placement, candidates, config.local_match, guidance)
 
@@ -137,11 +151,11 @@ def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeome
     if not isinstance(homography, Failed):
         homography = to_view[1] @ homography @ back
         homography = homography / homography[2, 2]
-    return dataclasses.replace(initial, points=moved, fundamental=fundamental, homography=homography)
+    return replace(initial, points=moved, fundamental=fundamental, homography=homography)
 
 
 def _moved(polygon: Polygon, to_view: Array) -> Polygon:
-    return dataclasses.replace(
+    return replace(
         polygon,
         exterior=_apply(to_view, polygon.exterior),
         holes=tuple(_apply(to_view, hole) for hole in polygon.holes),

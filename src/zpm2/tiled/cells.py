@@ -18,6 +18,7 @@ from zpm2.model import PointMatches, PolygonArrays
 Array = NDArray[np.float64]
 AROUND = 100  # points nearest to a cell that has fewer of its own
 FARTHEST = 1.5  # cells, from the middle of one to the points that speak for it
+NEIGHBORS = 8  # of a point, whose motion predicts its own
 MOST = 2000  # points of a cell that its geometry is estimated from
 
 
@@ -28,6 +29,7 @@ class Cell:
     rows: NDArray[np.int64]  # of the polygons
     reduction: int  # px of the photograph per px at which the polygons are compared
     initial: InitialGeometry  # of the points in and around the cell, px of the photographs
+    spread: float  # px of the right photograph, how far points lie from where their neighbours lead
 
 
 def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Config) -> Iterator[Cell]:
@@ -53,7 +55,8 @@ def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Conf
             if len(near) < AROUND:
                 _, near = tree.query(middle, k=AROUND, p=np.inf, distance_upper_bound=FARTHEST * reach)
                 near = np.sort(near[near < len(points)])
-        yield Cell(rows, int(name[0]), local_geometry(points[near], config))
+        initial = local_geometry(points[near], config)
+        yield Cell(rows, int(name[0]), initial, spread(initial))
 
 
 def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
@@ -68,6 +71,18 @@ def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
         if matrix is not None and np.isfinite(matrix).all() and abs(np.linalg.det(matrix[:, :2])) > 1e-6:
             homography = np.vstack([matrix, [0.0, 0.0, 1.0]])
     return InitialGeometry(initial.points, initial.fundamental, homography, initial.consistent, initial.planar)
+
+
+def spread(initial: InitialGeometry) -> float:
+    """px of the right photograph: nine of ten points lie no farther from where H and the motion that it does not
+    explain, taken from their neighbours, lead; infinite for a few points."""
+    points = initial.points[initial.consistent]
+    if len(points) <= NEIGHBORS:
+        return float("inf")
+    motion = points.right - initial.expected(points.left).centers
+    _, near = cKDTree(points.left).query(points.left, k=NEIGHBORS + 1)
+    away = np.linalg.norm(motion - np.median(motion[near[:, 1:]], axis=1), axis=1)
+    return float(np.percentile(away, 90)) if np.isfinite(away).all() else float("inf")
 
 
 def carried_over(polygons: PolygonArrays, cells: Sequence[Cell], gamma: int) -> Carried:
