@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import boards
@@ -15,6 +16,7 @@ from rendered import Pair, Run
 
 import zpm2
 from zpm2 import config
+from zpm2.detect import sam_backend
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -52,6 +54,22 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def networks() -> Iterator[None]:
+    """The segmenter's networks are compiled once for all commands."""
+    opened: dict[tuple[object, ...], object] = {}
+
+    def once(model: str, backend: str, device: str, *told: object) -> object:
+        key = model, backend, device
+        if key not in opened:
+            opened[key] = sam_backend.open_backend(model, backend, device, *told)
+        return opened[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("zpm2.detect.sam.open_backend", once)
+        yield
 
 
 def georeferenced(path: Path, pixels: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from painted import PaintedView, Region, blank
 from zpm2.config import SegmentConfig
 from zpm2.detect.answers import Answers, Floor, Prompts
 from zpm2.detect.everything import distinct, everything, grid
+from zpm2.model import Image
 
 FULL = SegmentConfig(quality="full", grid=16, min_area=30.0)
 LEVELS = [dataclasses.replace(FULL, quality=quality) for quality in ("fast", "balanced", "full")]
@@ -31,6 +32,15 @@ def scene() -> list[Region]:
         shapely.box(120, 225, 138, 250),
     ]
     return [Region(shape, score=0.9 + 0.01 * k) for k, shape in enumerate(shapes)]
+
+
+def painted(shapes: list[shapely.Polygon]) -> Image:
+    """Bright shapes on grey, 256 x 256 px."""
+    pixels = np.full((256, 256, 3), 90, np.uint8)
+    for shape in shapes:
+        x0, y0, x1, y1 = map(int, shape.bounds)
+        pixels[y0:y1, x0:x1] = 200
+    return Image(pixels)
 
 
 def signature(answers: Answers) -> set[bytes]:
@@ -90,14 +100,30 @@ def test_faster_levels_ask_less() -> None:
     assert counts[0] < 0.7 * counts[-1]
 
 
-@pytest.mark.parametrize("config", LEVELS, ids=lambda c: c.quality)
-def test_an_image_that_never_answers_is_asked_everywhere(config: SegmentConfig) -> None:
-    view = PaintedView(blank(200, 120), [])
-    shares: list[float] = []
-    assert len(everything(view, config, progress=shares.append)) == 0
-    assert len(view.asked) == config.grid**2
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
+def test_an_image_that_never_answers_is_asked_everywhere_by_the_full_grid_only() -> None:
+    for config, most in zip(LEVELS, (1 / 64 + 1 / 6 + 1 / 4, 1 / 64 + 1 / 3 + 1 / 2, 1.0), strict=True):
+        view = PaintedView(blank(200, 120), [])
+        shares: list[float] = []
+        assert len(everything(view, config, progress=shares.append)) == 0
+        assert 0.9 * most <= len(view.asked) / config.grid**2 <= 1.01 * most
+        assert len(view.asked) == len(set(view.asked))
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)
+def test_what_stands_out_is_found_in_the_midst_of_a_large_region(config: SegmentConfig) -> None:
+    """A field with small things in it, none at a point of the grid: the field covers them all."""
+    config = dataclasses.replace(config, grid=8)
+    x, y = np.meshgrid(np.arange(22, 250, 32), np.arange(22, 250, 32))
+    things = [shapely.box(a, b, a + 7, b + 7) for a, b in zip(x.ravel(), y.ravel(), strict=True)][:9]
+    assert not any(shapely.contains_xy(thing, *grid(8, (256, 256)).T).any() for thing in things)
+    regions = [Region(shapely.box(0, 0, 256, 256), 0.99), *(Region(thing) for thing in things)]
+    view = PaintedView(painted(things), regions, batch=2)
+    found = signature(everything(view, dataclasses.replace(config, max_area=1.0)))
+    assert found == {bits.tobytes() for bits in view.bits}
+    full = PaintedView(painted(things), regions)
+    assert len(everything(full, dataclasses.replace(config, quality="full", max_area=1.0))) == 1
 
 
 @pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)

@@ -206,7 +206,7 @@ def test_a_polygon_has_one_partner_over_all_blocks():
 
 @pytest.mark.parametrize("guided", ["off", "both"])
 def test_two_geometries_in_one_cell(guided):
-    """The right half of the scene moves 150 px farther; no H holds for both halves, but each polygon has points around it."""
+    """The right half of the scene moves 150 px farther: no H holds for both, but each polygon has points around it."""
     given, config = scene(), dataclasses.replace(PRESETS["default"], guided=GuidedConfig(direction=guided))
     x, jump = WIDTH / 2, np.array([0.0, 150.0])
     size = HEIGHT + int(jump[1]), WIDTH, 3

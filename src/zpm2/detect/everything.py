@@ -1,26 +1,28 @@
 """Segment everything: which prompts to ask, and which of the answers are regions of their own.
 
 With every point of the grid asked, this is SAM's automatic mask generator (Kirillov et al. 2023, Appendix B, "Automatic
-Mask Generation") on one view of the image. The faster levels of quality ask first where something new may lie: outside
-of the finest mask of every prompt asked before, then close to the border of one, and so on inwards; well inside, the
-answer would be that prompt's. Points of equal depth are asked in an order of which any first part is spread over the
-image. Whole, part and subpart come with every prompt; what lies in the holes of a fine mask or beside it is outside of
-it, what lies inside it may be missed. A level of quality is how deep it goes, and how many points it asks at least.
+Mask Generation") on one view of the image. Most of these points ask about one region again: on an aerial photograph
+1024 of them bring two dozen regions. The faster levels of quality ask a few points of the grid, for what is large; then
+where the photograph differs from its surroundings (`blobs`), most different first, unless a mask of about that size
+is there already; then points of the grid outside of the finest mask of every prompt, in an order of which any first
+part is spread over the image. Whole, part and subpart come with every prompt. A level of quality is how many are asked.
 """
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
 from zpm2.detect import masks
 from zpm2.detect.answers import Answers, Floor, Prompts
+from zpm2.detect.blobs import blobs
 from zpm2.detect.protocol import PromptedView
 
-DEPTH = {"fast": 0.0, "balanced": 1.0}  # px of a decoded mask: points deeper inside a fine mask are not asked,
-LEAST = {"fast": 1 / 6, "balanced": 1 / 3}  # but for this share of the grid, least deep first
+FIRST = 1 / 64  # of the points of the grid: asked before anything else
+BLOBS = {"fast": 1 / 6, "balanced": 1 / 3}  # places that stand out, in number of points of the grid
+OUTSIDE = {"fast": 1 / 4, "balanced": 1 / 2}  # of the points of the grid, where nothing was found
+EXPLAINED = 6.0  # areas of a blob: a mask there that is not larger is what stands out
 CHUNK = 256  # masks looked at at a time; one takes up to 64 kB
 
 
@@ -38,33 +40,73 @@ def everything(
     """
     floor = floor or Floor(config.min_predicted_iou, config.min_stability)
     known = Answers.none(view.size) if known is None else known
-    found, points = [], grid(config.grid, view.size)
     if config.quality == "full":
+        found, points = [], grid(config.grid, view.size)
         for start in range(0, len(points), view.batch):
             found.append(view.ask(Prompts.at(points[start : start + view.batch] / view.low), floor))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        deepest, least = DEPTH[config.quality], round(LEAST[config.quality] * len(points)) - len(known)
-        depth = _depth(np.zeros(view.size, np.float32), known.bits)
-        row, column = points.astype(int).T[::-1]
-        waiting, count = np.arange(len(points)), 0
-        while len(waiting):
-            deep = np.floor(depth[row[waiting], column[waiting]])
-            order = np.argsort(deep, kind="stable")[: view.batch]
-            order = order[(deep[order] <= deepest) | (count + np.arange(len(order)) < least)]
-            if len(order) == 0:
-                break
-            asked, waiting, count = waiting[order], np.delete(waiting, order), count + len(order)
-            answers = view.ask(Prompts.at(points[asked] / view.low), floor)
-            depth = _depth(depth, _finest_around(answers, row[asked], column[asked]).bits)
-            found.append(answers)
-            progress(1.0 - len(waiting) / len(points))
-        progress(1.0)
+        found = _where_it_pays(view, config, floor, known, progress)
     answers = Answers.join([known, *found])
     del found
     rank = answers.score.astype(np.float64)
     rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
     return distinct(answers, rank, config, view)
+
+
+def _where_it_pays(
+    view: PromptedView, config: SegmentConfig, floor: Floor, known: Answers, progress: Callable[[float], None]
+) -> list[Answers]:
+    """The answers to the prompts of the faster levels, batch by batch."""
+    points, spots, seen = grid(config.grid, view.size), blobs(view.image, view.size), _Seen(view.size)
+    seen.add(known.bits, known.bits)
+    first, most, outside = (
+        max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
+    )
+    found: list[Answers] = []
+
+    def ask(at: NDArray[np.float64], done: int) -> None:
+        answers = view.ask(Prompts.at(at / view.low), floor)
+        seen.add(answers.bits, _finest_around(answers, *_pixels(at)).bits)
+        found.append(answers)
+        progress((done + len(at)) / (first + most + outside))
+
+    def ask_outside(at: NDArray[np.float64], most: int, done: int) -> None:
+        asked = 0
+        while asked < most and len(at := at[~seen.covered[_pixels(at)]]):
+            some = at[: min(view.batch, most - asked)]
+            ask(some, done + asked)
+            at, asked = at[len(some) :], asked + len(some)
+
+    ask_outside(points[:first], first, 0)
+    asked = 0
+    while asked < most and len(spots := spots[seen.smallest[_pixels(spots.points)] > EXPLAINED * spots.area]):
+        some = spots[: min(view.batch, most - asked)]
+        ask(some.points, first + asked)
+        spots, asked = spots[len(some) :], asked + len(some)
+    ask_outside(points[first:], outside, first + most)
+    progress(1.0)
+    return found
+
+
+class _Seen:
+    """What the answers so far show."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.covered: NDArray[np.bool_] = np.zeros(size, bool)  # by the finest mask of a prompt
+        self.smallest: NDArray[np.float64] = np.full(size, np.inf)  # px^2, of the masks that a pixel lies in
+
+    def add(self, masks: NDArray[np.bool_], finest: NDArray[np.bool_]) -> None:
+        """Masks (n, h, w), and those of them that are the finest of a prompt."""
+        self.covered |= finest.any(0)
+        for bits in masks:
+            self.smallest[bits] = np.minimum(self.smallest[bits], np.count_nonzero(bits))
+
+
+def _pixels(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of (n, 2) points."""
+    column, row = points.astype(np.int64).T
+    return row, column
 
 
 def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
@@ -91,14 +133,6 @@ def distinct(answers: Answers, rank: NDArray[np.floating], config: SegmentConfig
     chunks = (answers.logits[rows[k : k + CHUNK]] > 0 for k in range(0, len(rows), CHUNK))
     packed, box = map(np.concatenate, zip(*((masks.pack(bits), masks.boxes(bits)) for bits in chunks), strict=True))
     return answers[rows[masks.suppress(packed, box, area[rows], rank[rows], config.nms_iou)]]
-
-
-def _depth(depth: NDArray[np.float32], fine: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """(h, w) px, how deep each pixel lies inside any of the masks: `depth` and the `fine` ones (n, h, w)."""
-    for bits in fine:
-        inside = cv2.distanceTransform(np.pad(bits, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        depth = np.maximum(depth, inside[1:-1, 1:-1])
-    return depth
 
 
 def _finest_around(answers: Answers, row: NDArray[np.int64], column: NDArray[np.int64]) -> Answers:

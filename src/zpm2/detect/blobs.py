@@ -1,0 +1,52 @@
+"""Where a photograph differs from its surroundings, at several scales: what a segmenter is asked about first."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.model import Image
+
+SCALES = (1.5, 3.0, 6.0, 12.0)  # px of a decoded mask, sigma of the centre; that of the surround is twice as large
+LEAST = 0.5  # CIELAB, a difference that no one sees
+RADIUS = 1.4  # sigmas: of the disc to which a difference of Gaussians answers most
+
+
+@dataclass(frozen=True, eq=False)
+class Blobs:
+    """n places, the most different one first."""
+
+    points: NDArray[np.float64]  # (n, 2) px of a decoded mask
+    area: NDArray[np.float64]  # (n,) px^2, of a disc of the scale at which the place stands out
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> "Blobs":
+        return Blobs(self.points[rows], self.area[rows])
+
+
+def blobs(image: Image, size: tuple[int, int]) -> Blobs:
+    """Local maxima of the distance in CIELAB between a Gaussian and one twice as wide (blob detection by differences of
+    Gaussians, Lindeberg 1998, in colour), of a photograph brought to the (height, width) of a decoded mask. None on, or
+    beside, what holds no data."""
+    height, width = size
+    small = cv2.resize(image.rgb, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
+    valid = np.ones(size, np.uint8)
+    if image.valid is not None:
+        valid = cv2.resize(image.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+    points, area, contrast = [], [], []
+    for sigma in SCALES:
+        difference = cv2.GaussianBlur(lab, (0, 0), sigma) - cv2.GaussianBlur(lab, (0, 0), 2 * sigma)
+        strength = np.linalg.norm(difference, axis=2)
+        side = 2 * round(1.5 * sigma) + 1
+        window = np.ones((side, side), np.uint8)
+        peak = (strength == cv2.dilate(strength, window)) & (strength >= LEAST)
+        row, column = np.nonzero(peak & (cv2.erode(valid, window) > 0))
+        points.append(np.c_[column, row] + 0.5)
+        area.append(np.full(len(row), np.pi * (RADIUS * sigma) ** 2))
+        contrast.append(strength[row, column])
+    order = np.argsort(-np.concatenate(contrast), kind="stable")
+    return Blobs(np.concatenate(points)[order], np.concatenate(area)[order])
