@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from zpm2 import MatchResult
 from zpm2.config import preset
 from zpm2.errors import Failed
-from zpm2.model import PointMatches, Polygon, PolygonMatch
-from zpm2.result import Side
+from zpm2.model import PointMatches, Polygon, PolygonMatch, Side
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "large_format.py"
 MAP = np.array([[1.02, 0.03, -20.0], [-0.02, 0.98, 12.0]])  # left px -> right px

@@ -15,8 +15,7 @@ from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.errors import Failed, InputError, OutputError
-from zpm2.model import PointMatches
-from zpm2.result import Side
+from zpm2.model import PointMatches, Side
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
 

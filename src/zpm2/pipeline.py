@@ -20,9 +20,9 @@ from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
 from zpm2.local_match.carry import Carried, backwards, carry, forwards
 from zpm2.local_match.unmatched import reasons, visible
-from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
 from zpm2.regions import Clock, Detected, Progress, RegionStages, no_matches, resolve_device
-from zpm2.result import MatchResult, Side
+from zpm2.result import MatchResult
 
 
 class PolygonMatcher:

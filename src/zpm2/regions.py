@@ -13,8 +13,7 @@ from zpm2.errors import ConfigError
 from zpm2.global_match import InitialGeometry
 from zpm2.local_match import guided
 from zpm2.local_match.guidance import Guidance
-from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch
-from zpm2.result import Side
+from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
 
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
 

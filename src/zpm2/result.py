@@ -5,7 +5,6 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,22 @@ from zpm2.detect.vectorize import rasterize
 from zpm2.errors import Failed, InputError
 from zpm2.io import geojson, gis
 from zpm2.io.coco import coco
+from zpm2.io.document import (
+    match_from_dict,
+    match_to_dict,
+    matrix_from_list,
+    matrix_to_list,
+    points_from_dict,
+    points_to_dict,
+    side_from_dict,
+    side_to_dict,
+)
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
-from zpm2.model import Georeference, Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay
 
@@ -33,19 +42,6 @@ SCHEMA = "zpm2-matches/1"
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
 SHEET = 100  # matches on a contact sheet
 CROP = 300  # px, the longest side at which a crop of it is read
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One image of the pair and everything that was found in it, matched or not."""
-
-    width: int  # px
-    height: int  # px
-    polygons: Sequence[Polygon]
-    path: str | None = None
-    image: Image | None = None  # the pixels while they are in memory, of a large photograph those of a reduced one
-    geo: Georeference = field(default_factory=Georeference)
-    unmatched: Mapping[int, str] = field(default_factory=dict)  # id -> why a polygon has no partner
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +162,10 @@ class MatchResult:
             "left": side_to_dict(self.left),
             "right": side_to_dict(self.right),
             "points": points_to_dict(self.points),
-            "fundamental": _matrix_to_list(self.fundamental),
-            "homography": _matrix_to_list(self.homography),
+            "fundamental": matrix_to_list(self.fundamental),
+            "homography": matrix_to_list(self.homography),
             "non_overlapping": self.non_overlapping,
-            "matches": [_match_to_dict(match) for match in self.matches],
+            "matches": [match_to_dict(match) for match in self.matches],
             "warnings": list(self.warnings),
         }
 
@@ -296,117 +292,20 @@ def _with_polygons(side: Side, polygons: Sequence[Polygon], lost: Sequence[int])
     )
 
 
-def side_to_dict(side: Side) -> dict[str, Any]:
-    """A side of `matches.json`."""
-    polygons = [
-        {
-            "id": p.id,
-            "vertices": p.exterior.tolist(),
-            "holes": [hole.tolist() for hole in p.holes],
-            "area": p.area,
-            "score": p.score,
-            "parent": p.parent,
-            **({"label": p.label} if p.label is not None else {}),
-            **({"unmatched": side.unmatched[p.id]} if p.id in side.unmatched else {}),
-        }
-        for p in side.polygons
-    ]
-    geo = {
-        "crs": side.geo.crs,
-        "transform": None if side.geo.transform is None else side.geo.transform.tolist(),
-        "gsd": side.geo.gsd,
-        "rpc": None if side.geo.rpc is None else dict(side.geo.rpc),
-    }
-    return {"path": side.path, "width": side.width, "height": side.height, **geo, "polygons": polygons}
-
-
-def points_to_dict(points: PointMatches) -> dict[str, Any]:
-    """The points of `matches.json`."""
-    return {"left": points.left.tolist(), "right": points.right.tolist(), "score": points.score.tolist()}
-
-
-def points_from_dict(values: Mapping[str, Any]) -> PointMatches:
-    """The points that `points_to_dict` wrote. `KeyError` or `ValueError` for others."""
-    left, right, score = (np.array(values[name], np.float64) for name in ("left", "right", "score"))
-    return PointMatches(left.reshape(-1, 2), right.reshape(-1, 2), score)
-
-
-def _match_to_dict(match: PolygonMatch) -> dict[str, Any]:
-    return {
-        "left": match.left,
-        "right": match.right,
-        "confidence": match.confidence,
-        "cost": match.cost,
-        "dsf": match.dsf,
-        "stage": match.stage,
-        "overlap": match.overlap,
-        "nodes": match.nodes.tolist(),
-        **({"outline": match.outline.round(3).tolist()} if len(match.outline) else {}),
-    }
-
-
-def _matrix_to_list(matrix: NDArray[np.float64] | Failed) -> list[list[float]] | None:
-    return None if isinstance(matrix, Failed) else matrix.tolist()
-
-
 def _from_dict(document: Mapping[str, Any]) -> MatchResult:
     return MatchResult(
         left=side_from_dict(document["left"]),
         right=side_from_dict(document["right"]),
-        matches=[_match_from_dict(match) for match in document["matches"]],
+        matches=[match_from_dict(match) for match in document["matches"]],
         points=points_from_dict(document["points"]),
-        fundamental=_matrix_from_list(document["fundamental"], "fundamental matrix"),
-        homography=_matrix_from_list(document["homography"], "homography"),
+        fundamental=matrix_from_list(document["fundamental"], "fundamental matrix"),
+        homography=matrix_from_list(document["homography"], "homography"),
         config=dict(document["config"]),
         timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
         version=document["version"],
         non_overlapping=document.get("non_overlapping") is True,
     )
-
-
-def _match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
-    known: dict[str, Any] = {name: values[name] for name in ("confidence", "cost", "dsf", "stage", "overlap")}
-    known |= {side: index(values[side]) for side in ("left", "right")}
-    return PolygonMatch(
-        **known,
-        nodes=np.array(values.get("nodes", []), np.int64).reshape(-1, 2),
-        outline=np.array(values.get("outline", []), np.float64).reshape(-1, 5),
-    )
-
-
-def side_from_dict(values: Mapping[str, Any]) -> Side:
-    """The side that `side_to_dict` wrote. `KeyError`, `TypeError` or `ValueError` for others."""
-    polygons = [
-        Polygon(
-            id=index(p["id"]),
-            exterior=_ring(p["vertices"]),
-            holes=tuple(_ring(hole) for hole in p["holes"]),
-            score=p["score"],
-            parent=p["parent"],
-            label=p.get("label"),
-        )
-        for p in values["polygons"]
-    ]
-    transform = values.get("transform")
-    geo = Georeference(
-        values.get("crs"),
-        None if transform is None else np.array(transform, np.float64).reshape(2, 3),
-        values.get("gsd"),
-    )
-    unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
-    return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
-
-
-def _ring(values: Any) -> NDArray[np.float64]:
-    ring = np.array(values, np.float64)
-    if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3 or not np.isfinite(ring).all():
-        raise ValueError("a ring must have at least 3 vertices [x, y]")
-    return ring
-
-
-def _matrix_from_list(values: Any, name: str) -> NDArray[np.float64] | Failed:
-    return Failed(f"the run found no {name}") if values is None else np.array(values, np.float64).reshape(3, 3)
 
 
 def _option(config: Mapping[str, Any], stage: str, name: str) -> float:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View, build, open_caster
 from zpm2.config import CloudConfig, preset
 from zpm2.errors import Failed
-from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, PosedCamera
-from zpm2.result import MatchResult, Side
+from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, PosedCamera, Side
+from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
 CAMERA = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), (640, 480))

@@ -3,8 +3,8 @@
 import numpy as np
 
 from zpm2.errors import Failed
-from zpm2.model import PointMatches, Polygon, PolygonMatch
-from zpm2.result import MatchResult, Side
+from zpm2.model import PointMatches, Polygon, PolygonMatch, Side
+from zpm2.result import MatchResult
 
 
 def box(index, x0, y0, x1, y1, holes=()):

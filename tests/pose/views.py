@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed
-from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch
-from zpm2.result import MatchResult, Side
+from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
 SIZE = (800, 600)

@@ -12,8 +12,8 @@ from zpm2.config import Config
 from zpm2.errors import Failed, OutputError
 from zpm2.io.raster import open_raster
 from zpm2.io.source import Held, open_source
-from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
-from zpm2.result import MatchResult, Side
+from zpm2.model import Image, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.result import MatchResult
 from zpm2.tiled import tile as tiles
 from zpm2.tiled.tile import Kept, Tile
 from zpm2.tiled.view import reduced_size, view

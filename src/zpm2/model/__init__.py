@@ -7,6 +7,7 @@ from zpm2.model.mask import Mask
 from zpm2.model.match import PolygonMatch, Stage
 from zpm2.model.points import PointMatches
 from zpm2.model.polygon import Polygon, PolygonArrays
+from zpm2.model.side import Side
 
 __all__ = [
     "Camera",
@@ -18,5 +19,6 @@ __all__ = [
     "PolygonArrays",
     "PolygonMatch",
     "PosedCamera",
+    "Side",
     "Stage",
 ]

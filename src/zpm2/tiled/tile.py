@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.errors import InputError, OutputError
+from zpm2.io.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.io.raster import Window
 from zpm2.io.source import Held, Source
-from zpm2.model import PointMatches, Polygon
-from zpm2.result import MatchResult, Side, points_from_dict, points_to_dict, side_from_dict, side_to_dict
+from zpm2.model import PointMatches, Polygon, Side
+from zpm2.result import MatchResult
 from zpm2.tiled.view import View
 
 Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None: not looked at

@@ -1,0 +1,21 @@
+"""One image of a pair with its polygons."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from zpm2.model.georeference import Georeference
+from zpm2.model.image import Image
+from zpm2.model.polygon import Polygon
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One image of the pair and everything that was found in it, matched or not."""
+
+    width: int  # px
+    height: int  # px
+    polygons: Sequence[Polygon]
+    path: str | None = None
+    image: Image | None = None  # the pixels while they are in memory, of a large photograph those of a reduced one
+    geo: Georeference = field(default_factory=Georeference)
+    unmatched: Mapping[int, str] = field(default_factory=dict)  # id -> why a polygon has no partner
