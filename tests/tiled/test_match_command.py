@@ -81,9 +81,10 @@ def test_results_do_not_depend_on_the_georeference(
     assert not (tmp_path / "plain" / "matches.gpkg").exists()
 
 
-def test_a_geotransform_without_reference_system_is_said(run: Run, pair: Pair, tmp_path: Path) -> None:
+@pytest.mark.parametrize("tiles", ["off", "on"])
+def test_a_geotransform_without_reference_system_is_said(run: Run, pair: Pair, tmp_path: Path, tiles: str) -> None:
     left, right = (geotiff(tmp_path / f"{side}.tif", getattr(pair, side), None, UTM) for side in ("left", "right"))
-    code, _, err = run("match", left, right, "-o", tmp_path / "out", *pair.regions)
+    code, _, err = run("match", left, right, "-o", tmp_path / "out", "--tiles", tiles, *pair.regions)
     assert code == 0
     assert "left image: its geotransform has no reference system, results are in image px" in err
     assert json.loads((tmp_path / "out" / "left.geojson").read_text())["crs"] is None
