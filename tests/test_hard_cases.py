@@ -16,7 +16,7 @@ Picture = NDArray[np.uint8]
 
 @pytest.fixture(scope="module")
 def matcher() -> PolygonMatcher:
-    return PolygonMatcher(assign(preset("default"), ["segment.grid=10", "device=cpu"]))
+    return PolygonMatcher(assign(preset("default"), ["segment.grid=16", "device=cpu"]))
 
 
 def confident(result: MatchResult) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
