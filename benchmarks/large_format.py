@@ -4,7 +4,7 @@
     python benchmarks/large_format.py run LEFT.tif RIGHT.tif OUT [--set stage.field=value ...]
     python benchmarks/large_format.py precision OUT [--sheet worst.png]
     python benchmarks/large_format.py growth OUT1 OUT2 ...
-    python benchmarks/large_format.py bpm OUT [--repeat 3]
+    python benchmarks/large_format.py bpm OUT [--repeat 3] [--set stage.field=value ...]
 
 `precision` judges a saved result by SIFT features, which had no part in it (preset `default` takes its points from
 XFeat): those in and around a left polygon are looked for in the right photograph, and an affine map of those found,
@@ -499,10 +499,11 @@ PARTS = "place", "search_candidates", "possible_matches"
 VARIANTS = {"full": (), "L = 2": ("global_match.max_layers=2",), "fixed range": ("global_match.search=fixed",)}
 
 
-def bpm(folder: Path, repeat: int) -> list[list[Any]]:
-    """A row for each variant: its best of `repeat` times, in turns; candidates, matches, precision, recall, ACR."""
+def bpm(folder: Path, repeat: int, settings: Sequence[str] = ()) -> list[list[Any]]:
+    """A row for each variant: its best of `repeat` times, in turns; candidates, matches, precision, recall, ACR.
+    `settings` are laid over those of the result."""
     result = MatchResult.load(folder)
-    base = config.assign(Config.from_dict(result.config), ["guided.direction=off"])
+    base = config.assign(Config.from_dict(result.config), ["guided.direction=off", *settings])
     sides = PolygonArrays(list(result.left.polygons)), PolygonArrays(list(result.right.polygons))
     runs: dict[str, list[dict[str, Any]]] = {name: [] for name in VARIANTS}
     with _photographs(result) as sources:
@@ -604,6 +605,7 @@ def main() -> None:
     compared = commands.add_parser("bpm", help="pyramid or fixed range, on the polygons of a result")
     compared.add_argument("out", type=Path)
     compared.add_argument("--repeat", type=int, default=3)
+    compared.add_argument("--set", dest="settings", action="append", default=[], metavar="stage.field=value")
     o = parser.parse_args()
     if o.command == "mosaic":
         if len(o.photographs) % 2:
@@ -618,7 +620,7 @@ def main() -> None:
     elif o.command == "growth":
         show_growth(*growth(o.out))
     else:
-        show_bpm(bpm(o.out, o.repeat))
+        show_bpm(bpm(o.out, o.repeat, o.settings))
 
 
 if __name__ == "__main__":
