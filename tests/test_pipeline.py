@@ -303,7 +303,7 @@ def painted_pair() -> tuple[PaintedSegmenter, PaintedView, PaintedView]:
     return PaintedSegmenter(views), views[0], views[1]
 
 
-GUIDED = assign(preset("default"), ["device=cpu", "segment.grid=8", "segment.min_area=50"])
+GUIDED = assign(preset("default"), ["device=cpu", "segment.grid=16", "segment.min_area=50"])
 
 
 def test_guided_matches_say_so() -> None:

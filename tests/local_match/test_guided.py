@@ -15,7 +15,7 @@ from zpm2.local_match.rectify import overlaps
 from zpm2.model import PointMatches, PolygonArrays, PolygonMatch
 
 H = np.array([[1.02, 0.05, -14.0], [-0.04, 0.98, 9.0], [0, 0, 1]])
-CONFIG = config.assign(config.preset("default"), ["segment.grid=8", "segment.min_area=30"])
+CONFIG = config.assign(config.preset("default"), ["segment.grid=16", "segment.min_area=30"])
 CELLS = [(x, y) for y in range(20, 220, 50) for x in range(20, 220, 50)]  # 16 regions, well inside of both images
 
 
