@@ -112,6 +112,16 @@ def test_an_image_that_never_answers_is_asked_everywhere_by_the_full_grid_only()
 
 
 @pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)
+def test_nothing_is_asked_where_there_is_no_data(config: SegmentConfig) -> None:
+    valid = np.zeros((256, 256), bool)
+    valid[:, 200:] = True
+    view = PaintedView(Image(blank().rgb, valid=valid), [])
+    everything(view, config)
+    assert view.asked
+    assert min(x for x, _ in view.asked) >= 200
+
+
+@pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)
 def test_what_stands_out_is_found_in_the_midst_of_a_large_region(config: SegmentConfig) -> None:
     """A field with small things in it, none at a point of the grid: the field covers them all."""
     config = dataclasses.replace(config, grid=8)

@@ -34,9 +34,7 @@ def blobs(image: Image, size: tuple[int, int]) -> Blobs:
     height, width = size
     small = cv2.resize(image.rgb, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
-    valid = np.ones(size, np.uint8)
-    if image.valid is not None:
-        valid = cv2.resize(image.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+    valid = has_data(image, size).astype(np.uint8)
     points, area, contrast = [], [], []
     for sigma in SCALES:
         difference = cv2.GaussianBlur(lab, (0, 0), sigma) - cv2.GaussianBlur(lab, (0, 0), 2 * sigma)
@@ -50,3 +48,10 @@ def blobs(image: Image, size: tuple[int, int]) -> Blobs:
         contrast.append(strength[row, column])
     order = np.argsort(-np.concatenate(contrast), kind="stable")
     return Blobs(np.concatenate(points)[order], np.concatenate(area)[order])
+
+
+def has_data(image: Image, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """(height, width) of a decoded mask, where the photograph holds data."""
+    if image.valid is None:
+        return np.ones(size, bool)
+    return cv2.resize(image.valid.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST) > 0

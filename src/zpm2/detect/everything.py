@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from zpm2.config import SegmentConfig
 from zpm2.detect import masks
 from zpm2.detect.answers import Answers, Floor, Prompts
-from zpm2.detect.blobs import blobs
+from zpm2.detect.blobs import blobs, has_data
 from zpm2.detect.protocol import PromptedView
 
 FIRST = 1 / 64  # of the points of the grid: asked before anything else
@@ -60,6 +60,7 @@ def _where_it_pays(
     """The answers to the prompts of the faster levels, batch by batch."""
     points, spots, seen = grid(config.grid, view.size), blobs(view.image, view.size), _Seen(view.size)
     seen.add(known.bits, known.bits)
+    seen.covered |= ~has_data(view.image, view.size)
     first, most, outside = (
         max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
     )
@@ -93,7 +94,7 @@ class _Seen:
     """What the answers so far show."""
 
     def __init__(self, size: tuple[int, int]) -> None:
-        self.covered: NDArray[np.bool_] = np.zeros(size, bool)  # by the finest mask of a prompt
+        self.covered: NDArray[np.bool_] = np.zeros(size, bool)  # by the finest mask of a prompt, or without data
         self.smallest: NDArray[np.float64] = np.full(size, np.inf)  # px^2, of the masks that a pixel lies in
 
     def add(self, masks: NDArray[np.bool_], finest: NDArray[np.bool_]) -> None:
