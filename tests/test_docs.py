@@ -36,8 +36,16 @@ def commands() -> list[str]:
     return list(dict.fromkeys(line for line in lines if line.startswith("zpm2 ")))
 
 
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of four photographs of one scene."""
+    folder = tmp_path_factory.mktemp("scene") / "photographs"
+    boards.write(folder, 4)
+    return folder
+
+
 @pytest.fixture
-def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the files that the pages speak of."""
     for side in ("left", "right"):
         picture = PIL.Image.open(getattr(pair, side))
@@ -49,7 +57,7 @@ def workplace(pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
     for name, side in (("epoch1", "left"), ("epoch2", "right")):
         georeferenced(tmp_path / f"{name}.tif", np.asarray(PIL.Image.open(getattr(pair, side))))
-    boards.write(tmp_path / "photos", 4)
+    shutil.copytree(photographs, tmp_path / "photos")
     monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
