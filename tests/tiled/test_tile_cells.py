@@ -11,7 +11,7 @@ from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches, Polygon, PolygonArrays
-from zpm2.tiled.cells import AROUND, MOST, NEIGHBORS, carried_over, cells, local_geometry, spread
+from zpm2.tiled.cells import AROUND, MOST, NEIGHBORS, carried_over, cells, local_geometry, uncertainty
 
 CONFIG = Config()
 SIDE = 256
@@ -148,7 +148,7 @@ def test_points_on_a_line_or_in_one_place_give_a_geometry_or_none_but_no_error()
 
 
 @pytest.mark.parametrize("noise", [0.5, 4.0, 30.0])
-def test_spread_is_how_far_neighbours_lead_astray(noise):
+def test_uncertainty_is_how_far_neighbours_lead_astray(noise):
     rng = np.random.default_rng(0)
     left = rng.uniform(0, 1000, (800, 2))
     right = left @ np.array([[0.9, 0.1], [-0.1, 1.1]]).T + [300, 20] + rng.normal(0, noise, (800, 2))
@@ -156,7 +156,7 @@ def test_spread_is_how_far_neighbours_lead_astray(noise):
     none = Failed("none")
     h = np.array([[0.9, 0.1, 300], [-0.1, 1.1, 20], [0, 0, 1]])
     known = InitialGeometry(points, none, h, everything, everything)
-    assert noise < spread(known) < 4 * noise
-    assert spread(known) < spread(InitialGeometry(points, none, none, everything, everything))
+    assert noise < uncertainty(known) < 4 * noise
+    assert uncertainty(known) < uncertainty(InitialGeometry(points, none, none, everything, everything))
     few = InitialGeometry(points[np.arange(NEIGHBORS)], none, h, everything[:NEIGHBORS], everything[:NEIGHBORS])
-    assert spread(few) == np.inf
+    assert uncertainty(few) == np.inf

@@ -23,9 +23,6 @@ class Blobs:
     def __len__(self) -> int:
         return len(self.points)
 
-    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> "Blobs":
-        return Blobs(self.points[rows], self.area[rows])
-
 
 def blobs(image: Image, size: tuple[int, int]) -> Blobs:
     """Local maxima of the distance in CIELAB between a Gaussian and one twice as wide (blob detection by differences of

@@ -24,6 +24,7 @@ BLOBS = {"fast": 1 / 6, "balanced": 1 / 3}  # places that stand out, in number o
 OUTSIDE = {"fast": 1 / 4, "balanced": 1 / 2}  # of the points of the grid, where nothing was found
 EXPLAINED = 6.0  # areas of a blob: a mask there that is not larger is what stands out
 CHUNK = 256  # masks looked at at a time; one takes up to 64 kB
+Rows = NDArray[np.int64]
 
 
 def everything(
@@ -33,7 +34,7 @@ def everything(
     known: Answers | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Answers:
-    """The regions of a view that the grid finds, best score first, `known` ones before all others.
+    """The regions of a view that the prompts find, best score first, `known` ones before all others.
 
     `floor` is `config`'s, if no other is given. `known` are answers that are regions already, the best one first: where
     they are fine no point is asked, and what overlaps one of them by more than `config.nms_iou` is the same region.
@@ -61,31 +62,29 @@ def _where_it_pays(
     points, spots, seen = grid(config.grid, view.size), blobs(view.image, view.size), _Seen(view.size)
     seen.add(known.bits, known.bits)
     seen.covered |= ~has_data(view.image, view.size)
-    first, most, outside = (
+    first, most_spots, outside = (
         max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
     )
     found: list[Answers] = []
 
-    def ask(at: NDArray[np.float64], done: int) -> None:
-        answers = view.ask(Prompts.at(at / view.low), floor)
-        seen.add(answers.bits, _finest_around(answers, *_pixels(at)).bits)
-        found.append(answers)
-        progress((done + len(at)) / (first + most + outside))
+    def ask(at: NDArray[np.float64], worth: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
+        """At most so many of the points, in their order, that are worth it when their turn comes."""
+        rows, asked = np.arange(len(at)), 0
+        while asked < most and len(rows := rows[worth(rows)]):
+            some, rows = np.split(rows, [min(view.batch, most - asked)])
+            answers = view.ask(Prompts.at(at[some] / view.low), floor)
+            seen.add(answers.bits, _finest_around(answers, *_pixels(at[some])).bits)
+            found.append(answers)
+            asked += len(some)
+            progress((done + asked) / (first + most_spots + outside))
 
-    def ask_outside(at: NDArray[np.float64], most: int, done: int) -> None:
-        asked = 0
-        while asked < most and len(at := at[~seen.covered[_pixels(at)]]):
-            some = at[: min(view.batch, most - asked)]
-            ask(some, done + asked)
-            at, asked = at[len(some) :], asked + len(some)
+    def unexplained(rows: Rows) -> NDArray[np.bool_]:
+        return np.asarray(seen.smallest[_pixels(spots.points[rows])] > EXPLAINED * spots.area[rows])
 
-    ask_outside(points[:first], first, 0)
-    asked = 0
-    while asked < most and len(spots := spots[seen.smallest[_pixels(spots.points)] > EXPLAINED * spots.area]):
-        some = spots[: min(view.batch, most - asked)]
-        ask(some.points, first + asked)
-        spots, asked = spots[len(some) :], asked + len(some)
-    ask_outside(points[first:], outside, first + most)
+    ask(points[:first], lambda rows: ~seen.covered[_pixels(points[rows])], first, 0)
+    ask(spots.points, unexplained, most_spots, first)
+    rest = points[first:]
+    ask(rest, lambda rows: ~seen.covered[_pixels(rest[rows])], outside, first + most_spots)
     progress(1.0)
     return found
 

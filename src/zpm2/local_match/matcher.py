@@ -204,8 +204,8 @@ def _assign(evidence: Evidence, config: LocalConfig) -> NDArray[np.int64]:
 def _second_round(evaluator: _Evaluator, matched: Candidates) -> Evidence:
     """Evidence of new pairs among the polygons that the first round left unmatched.
 
-    They are put where they are expected, moved as the matched neighbours are from there. Candidates
-    are the right polygons there and those that share homologous points.
+    They are put where they are expected, moved as the matched neighbours are from there. Candidates are the right
+    polygons there and those that share homologous points.
     """
     left, right, known = evaluator.left, evaluator.right, evaluator.support
     free_left, free_right = np.ones(len(left), bool), np.ones(len(right), bool)

@@ -23,7 +23,7 @@ from zpm2.local_match.carry import Carried
 from zpm2.local_match.guidance import Guidance
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.tiled import windows
-from zpm2.tiled.cells import Cell
+from zpm2.tiled.cells import Cell, uncertainty
 from zpm2.tiled.view import View, reduced_size, view
 
 Array = NDArray[np.float64]
@@ -51,6 +51,10 @@ def match_blocks(
     possible: list[PolygonMatch] = []
     for k, cell in enumerate(cells):
         reductions = cell.reduction, cell.reduction * _scale(left, carried, cell)
+        search = config.global_match
+        if search.search == "pyramid":
+            search = replace(search, max_layers=layers(uncertainty(cell.initial) / reductions[1], search))
+        chosen = replace(config, global_match=search)
         for rows, there in _spread(cell.rows, places, MOST * side * reductions[1]):
             target = _window(there, MARGIN * reductions[1], sources[1])
             if windows.area(target) == 0:
@@ -65,19 +69,16 @@ def match_blocks(
                 view(sources[0], own, reduced_size(own, reductions[0])),
                 view(sources[1], target, reduced_size(target, reductions[1])),
             )
-            search = replace(config.global_match, max_layers=layers(cell.spread / reductions[1], config.global_match))
-            possible += _block(
-                views, polygons, guided, cell.initial, carried, rows, partners, replace(config, global_match=search)
-            )
+            possible += _block(views, polygons, guided, cell.initial, carried, rows, partners, chosen)
         progress((k + 1) / len(cells))
     return one_to_one(possible, config.local_match)
 
 
-def layers(spread: float, config: GlobalConfig) -> int:
-    """Of the pyramid, so many that the first search window reaches `spread` px of the block's right image: where
+def layers(uncertainty: float, config: GlobalConfig) -> int:
+    """Of the pyramid, so many that the first search window reaches `uncertainty` px of the block's right image: where
     neighbours say well where a polygon is, the search begins near to it."""
     reach, count = config.tau - config.phi / 2, 1
-    while reach < spread and count < config.max_layers:
+    while reach < uncertainty and count < config.max_layers:
         reach, count = reach * config.factor, count + 1
     return count
 

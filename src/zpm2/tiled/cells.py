@@ -29,7 +29,6 @@ class Cell:
     rows: NDArray[np.int64]  # of the polygons
     reduction: int  # px of the photograph per px at which the polygons are compared
     initial: InitialGeometry  # of the points in and around the cell, px of the photographs
-    spread: float  # px of the right photograph, how far points lie from where their neighbours lead
 
 
 def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Config) -> Iterator[Cell]:
@@ -55,8 +54,7 @@ def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Conf
             if len(near) < AROUND:
                 _, near = tree.query(middle, k=AROUND, p=np.inf, distance_upper_bound=FARTHEST * reach)
                 near = np.sort(near[near < len(points)])
-        initial = local_geometry(points[near], config)
-        yield Cell(rows, int(name[0]), initial, spread(initial))
+        yield Cell(rows, int(name[0]), local_geometry(points[near], config))
 
 
 def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
@@ -73,7 +71,7 @@ def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
     return InitialGeometry(initial.points, initial.fundamental, homography, initial.consistent, initial.planar)
 
 
-def spread(initial: InitialGeometry) -> float:
+def uncertainty(initial: InitialGeometry) -> float:
     """px of the right photograph: nine of ten points lie no farther from where H and the motion that it does not
     explain, taken from their neighbours, lead; infinite for a few points."""
     points = initial.points[initial.consistent]
