@@ -123,7 +123,9 @@ def test_without_georeference_the_layer_lies_where_a_gis_draws_the_image(tmp_pat
     assert fields["area_m2"] == (AREAS * geo.gsd**2 if geo.gsd else np.full(3, None)).tolist()
     with sqlite3.connect(path) as database:
         srs = dict(database.execute("SELECT table_name, srs_id FROM gpkg_geometry_columns").fetchall())
+        version = database.execute("PRAGMA user_version").fetchone()
     assert srs == {"left": -1, "right": -1}  # the undefined Cartesian one
+    assert version == (10200,)  # that older GISs read
     assert read(gis.write_shapefile(tmp_path, layer(geo)))[0] is None
 
 

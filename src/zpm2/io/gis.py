@@ -23,6 +23,7 @@ from zpm2.model import Georeference, Polygon, PolygonArrays, PolygonMatch
 Array = NDArray[np.float64]
 
 DEGREES = 8  # decimals of longitude and latitude: about 1 mm
+GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
 
 
@@ -282,6 +283,7 @@ def _write(
             crs=geo.crs if geo and geo.located else None,
             encoding="UTF-8",
             append=path.exists(),
+            dataset_options={"VERSION": GEOPACKAGE} if driver == "GPKG" else {},
             layer_options=dict(options or {}),
         )
 
