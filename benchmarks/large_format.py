@@ -9,9 +9,10 @@
 `precision` judges a saved result by SIFT features, which had no part in it (preset `default` takes its points from
 XFeat): those in and around a left polygon are looked for in the right photograph, and an affine map of those found,
 by RANSAC, says where the polygon should be. A match is right if its right polygon shares at least half with that
-(IoU), wrong if not, and undecided where fewer than 8 features around the polygon agree. Of a mosaic, polygons are
-compared within their cell only: beyond its border the two photographs show different things. Features in the polygon
-itself shift the map, where three or more agree: what stands high moves otherwise than the ground around it.
+(IoU), wrong if not, and undecided where fewer than 8 features around the polygon agree. Of a mosaic, features and
+polygons are compared within their cell only: beyond its border the two photographs show different things, and its
+photographs come again in other cells. Features in the polygon itself shift the map, where three or more agree: what
+stands high moves otherwise than the ground around it.
 
 `bpm` is the paper's table of large-format pairs on one result's polygons: the same matcher with the full pyramid, two
 levels of it, and a fixed range. The truth are the pairs of polygons that are each other's best by SIFT with an IoU of
@@ -223,11 +224,13 @@ class Check:
         side = float((high - low).max())
         rim = max(MARGIN, side)
         reduction = _power((side + 2 * rim) / WINDOW)
-        left = self.left.features(low - rim, high + rim, reduction)
+        seen = [self._seen(k, polygon.center) for k in range(2)]
+        left = self.left.features(*_within(seen[0], low - rim, high + rim), reduction)
         if len(left) > MOST:
             left = left[np.argsort(_away(left.points, low, high), kind="stable")[:MOST]]
         corners = _mapped(guess, np.array(shapely.box(*(low - rim), *(high + rim)).exterior.coords))
-        right = self.right.features(corners.min(0) - rim, corners.max(0) + rim, reduction)
+        around = _within(seen[1], corners.min(0) - rim, corners.max(0) + rim)
+        right = self.right.features(*around, reduction)
         rows = pairs_of(left, right)
         here, there = left.points[rows[:, 0]], right.points[rows[:, 1]]
         matrix, inliers = _affine(here, there, low, high, reduction)
@@ -235,8 +238,7 @@ class Check:
             return Evidence(None, None, inliers, "too few features agree")
         matrix = _shifted(matrix, here, there, polygon.shape.buffer(0.03 * side), reduction)
         shape = _moved(matrix, polygon.shape).buffer(0)
-        target = _mapped(matrix, polygon.center[None])[0]
-        extent = _moved(matrix, self._seen(0, polygon.center)).intersection(self._seen(1, target))
+        extent = _moved(matrix, seen[0]).intersection(seen[1])
         if extent.intersection(shape).area < SEEN * shape.area:
             return Evidence(None, None, inliers, "out of sight")
         return Evidence(shape, extent, inliers)
@@ -256,7 +258,8 @@ class Check:
         return None if matrix is None or agree.sum() < INLIERS else matrix
 
     def _seen(self, k: int, point: Array) -> Any:
-        """The photograph as a shapely box; of a mosaic the cell that a point lies in."""
+        """The photograph as a shapely box; of a mosaic, which shows the same in each cell of both photographs, the cell
+        that a point lies in."""
         size, cell = np.array([self.sources[k].width, self.sources[k].height]), self.cells[k]
         if cell is None:
             return shapely.box(0, 0, *size)
@@ -324,6 +327,12 @@ def _shifted(matrix: Array, here: Array, there: Array, shape: Any, reduction: in
 def _away(points: Array, low: Array, high: Array) -> Array:
     """(n,) distance from a box along the farther axis, px."""
     return np.maximum(np.maximum(low - points, points - high), 0).max(1)
+
+
+def _within(box: Any, low: Array, high: Array) -> tuple[Array, Array]:
+    """Two corners, not beyond those of a shapely box."""
+    x0, y0, x1, y1 = box.bounds
+    return np.maximum(low, [x0, y0]), np.minimum(high, [x1, y1])
 
 
 def _moved(matrix: Array, shape: Any) -> Any:

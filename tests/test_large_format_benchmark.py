@@ -83,6 +83,36 @@ def test_matches_are_judged_by_features_alone(result: Path, tmp_path: Path) -> N
     assert cv2.imread(str(tmp_path / "sheet.png")) is not None
 
 
+def test_of_a_mosaic_features_are_compared_within_their_cell(tmp_path: Path) -> None:
+    pytest.importorskip("rasterio")
+    wide, files = noise(306, 280, 0), (tmp_path / "a.png", tmp_path / "b.png")
+    for file, part in zip(files, (wide[:, 6:], wide[:, :-6]), strict=True):  # moves by 6 px
+        cv2.imwrite(str(file), part)
+    out = tmp_path / "left.tif", tmp_path / "right.tif"
+    run("mosaic", *out, *files, "--size", "512x512")  # the fourth cell is the first, turned by half a turn
+    square = np.array([[180, 180], [230, 180], [230, 230], [180, 230.0]])
+    step = np.array([6, 0])
+    rings = [square, 512 - square], [square + step, 512 - square - step]
+    sides = [
+        Side(512, 512, [Polygon(k, ring) for k, ring in enumerate(each)], str(path))
+        for each, path in zip(rings, out, strict=True)
+    ]
+    none = Failed("a mosaic has none")
+    for partners, right in (([0, 1], 2), ([1, 0], 0)):
+        MatchResult(
+            left=sides[0],
+            right=sides[1],
+            matches=[PolygonMatch(a, b, 0.9, 1.0, 9, "global") for a, b in enumerate(partners)],
+            points=PointMatches.empty(),
+            fundamental=none,
+            homography=none,
+            config=preset("default").to_dict(),
+            timings={},
+        ).save(tmp_path / "result")
+        row = rows(run("precision", tmp_path / "result"))[0]
+        assert [row[k] for k in ("right", "wrong", "undecided")] == [str(right), str(2 - right), "0"]
+
+
 def test_searches_are_compared_on_the_same_polygons(result: Path) -> None:
     found = rows(run("bpm", result, "--repeat", "1"))
     assert [row["search"] for row in found] == ["full", "L = 2", "fixed range"]
