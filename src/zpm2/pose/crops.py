@@ -35,7 +35,7 @@ class Levels:
         level = int(max(0, np.floor(np.log2(max(step, 1e-6)) + 0.25)))
         pixels = self._level(level)
         scale = np.diag([pixels.shape[1] / self.image.width, pixels.shape[0] / self.image.height, 1.0])
-        matrix = np.linalg.inv(geometry.HALF_PIXEL) @ scale @ to_image @ geometry.HALF_PIXEL
+        matrix = geometry.for_opencv(scale @ to_image)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         cut = cv2.warpPerspective(pixels, matrix, (side, side), flags=flags, borderMode=cv2.BORDER_REPLICATE)
         return Image(np.asarray(cut, np.uint8))
