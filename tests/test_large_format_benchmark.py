@@ -42,6 +42,26 @@ def mapped(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(points @ MAP[:, :2].T + MAP[:, 2])
 
 
+def saved(
+    folder: Path,
+    sides: list[Side],
+    partners: list[int],
+    points: PointMatches,
+    homography: NDArray[np.float64] | Failed,
+) -> Path:
+    """A result, in its folder; `partners` are those of the left polygons, in their order."""
+    return MatchResult(
+        left=sides[0],
+        right=sides[1],
+        matches=[PolygonMatch(a, b, 0.9, 1.0, 9, "global") for a, b in enumerate(partners)],
+        points=points,
+        fundamental=Failed("a plane"),
+        homography=homography,
+        config=preset("default").to_dict(),
+        timings={},
+    ).save(folder)
+
+
 @pytest.fixture
 def result(tmp_path: Path) -> Path:
     """Squares on noise, and one on a blank part; the partners of 3 and 4 are each other's."""
@@ -57,17 +77,9 @@ def result(tmp_path: Path) -> Path:
         path = tmp_path / f"{name}.png"
         cv2.imwrite(str(path), image)
         sides.append(Side(700, 500, [Polygon(k, move(ring)) for k, ring in enumerate(rings)], str(path)))
-    partners = [0, 1, 2, 4, 3, 5]
-    return MatchResult(
-        left=sides[0],
-        right=sides[1],
-        matches=[PolygonMatch(a, b, 0.9, 1.0, 9, "global") for a, b in enumerate(partners)],
-        points=PointMatches(at, mapped(at), np.ones(len(at))),
-        fundamental=Failed("a plane"),
-        homography=np.vstack([MAP, [0, 0, 1]]),
-        config=preset("default").to_dict(),
-        timings={},
-    ).save(tmp_path / "result")
+    points = PointMatches(at, mapped(at), np.ones(len(at)))
+    homography = np.vstack([MAP, [0, 0, 1]])
+    return saved(tmp_path / "result", sides, [0, 1, 2, 4, 3, 5], points, homography)
 
 
 def test_matches_are_judged_by_features_alone(result: Path, tmp_path: Path) -> None:
@@ -97,18 +109,8 @@ def test_of_a_mosaic_features_are_compared_within_their_cell(tmp_path: Path) -> 
         Side(512, 512, [Polygon(k, ring) for k, ring in enumerate(each)], str(path))
         for each, path in zip(rings, out, strict=True)
     ]
-    none = Failed("a mosaic has none")
     for partners, right in (([0, 1], 2), ([1, 0], 0)):
-        MatchResult(
-            left=sides[0],
-            right=sides[1],
-            matches=[PolygonMatch(a, b, 0.9, 1.0, 9, "global") for a, b in enumerate(partners)],
-            points=PointMatches.empty(),
-            fundamental=none,
-            homography=none,
-            config=preset("default").to_dict(),
-            timings={},
-        ).save(tmp_path / "result")
+        saved(tmp_path / "result", sides, partners, PointMatches.empty(), Failed("a mosaic has none"))
         row = rows(run("precision", tmp_path / "result"))[0]
         assert [row[k] for k in ("right", "wrong", "undecided")] == [str(right), str(2 - right), "0"]
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zpm2.detect.blobs import RADIUS, SCALES, blobs
+from zpm2.detect.blobs import RADIUS, SCALES, Blobs, blobs, has_data
 from zpm2.model import Image
 
 SIZE = 128, 256  # of a decoded mask
@@ -18,15 +18,19 @@ def picture(discs: list[tuple[int, int, float, int]], scale: int = 4) -> np.ndar
     return pixels
 
 
+def found_on(image: Image) -> Blobs:
+    return blobs(image, has_data(image, SIZE))
+
+
 @pytest.mark.parametrize("sigma", SCALES)
 def test_a_disc_stands_out_at_its_middle_and_scale(sigma: float) -> None:
-    found = blobs(Image(picture([(100, 60, RADIUS * sigma, 200)])), SIZE)
+    found = found_on(Image(picture([(100, 60, RADIUS * sigma, 200)])))
     assert found.points[0] == pytest.approx([100, 60], abs=1)
     assert np.sqrt(found.area[0] / np.pi) == pytest.approx(RADIUS * sigma)
 
 
 def test_the_most_different_one_comes_first() -> None:
-    found = blobs(Image(picture([(50, 30, 6, 130), (100, 60, 6, 250), (200, 90, 6, 10)])), SIZE)
+    found = found_on(Image(picture([(50, 30, 6, 130), (100, 60, 6, 250), (200, 90, 6, 10)])))
     order = [tuple(np.round(p / 10).astype(int)) for p in found.points]
     first = [order.index(place) for place in ((10, 6), (20, 9), (5, 3))]
     assert first == sorted(first)
@@ -35,18 +39,18 @@ def test_the_most_different_one_comes_first() -> None:
 def test_colour_alone_stands_out() -> None:
     pixels = picture([])
     cv2.circle(pixels, (400, 240), 24, (150, 60, 60), -1)
-    assert blobs(Image(pixels), SIZE).points[0] == pytest.approx([100, 60], abs=1)
+    assert found_on(Image(pixels)).points[0] == pytest.approx([100, 60], abs=1)
 
 
 def test_nothing_stands_out_beside_what_holds_no_data() -> None:
     pixels = picture([(60, 60, 6, 200)])
     valid = np.ones(pixels.shape[:2], bool)
     valid[:, 600:], pixels[:, 600:] = False, 0
-    points = blobs(Image(pixels, valid=valid), SIZE).points
+    points = found_on(Image(pixels, valid=valid)).points
     assert points[0] == pytest.approx([60, 60], abs=1)
     assert (points[:, 0] < 150).all()
 
 
 def test_nothing_stands_out_where_all_is_the_same() -> None:
     for pixels in (picture([]), np.full((1, 1, 3), 7, np.uint8)):
-        assert len(blobs(Image(pixels), SIZE)) == 0
+        assert len(found_on(Image(pixels))) == 0

@@ -196,7 +196,8 @@ def framed(picture: Texture, frame: Color, rng: np.random.Generator, width: int 
     """The picture in a white mount and a wooden frame."""
     h, w = picture.shape[:2]
     edge = width + mount
-    out = wood(rng, h + 2 * edge, w + 2 * edge, tuple(0.75 * c for c in frame), frame)  # type: ignore[arg-type]
+    red, green, blue = frame
+    out = wood(rng, h + 2 * edge, w + 2 * edge, (0.75 * red, 0.75 * green, 0.75 * blue), frame)
     out[width:-width, width:-width] = (238, 234, 224)
     out[edge:-edge, edge:-edge] = picture
     return out

@@ -24,14 +24,14 @@ class Blobs:
         return len(self.points)
 
 
-def blobs(image: Image, size: tuple[int, int]) -> Blobs:
+def blobs(image: Image, valid: NDArray[np.bool_]) -> Blobs:
     """Local maxima of the distance in CIELAB between a Gaussian and one twice as wide (blob detection by differences of
     Gaussians, Lindeberg 1998, in colour), of a photograph brought to the (height, width) of a decoded mask. None on, or
-    beside, what holds no data."""
-    height, width = size
+    beside, what holds no data there by `valid` (`has_data`)."""
+    height, width = valid.shape
     small = cv2.resize(image.rgb, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB)
-    valid = has_data(image, size).astype(np.uint8)
+    holds = valid.astype(np.uint8)
     points, area, contrast = [], [], []
     for sigma in SCALES:
         difference = cv2.GaussianBlur(lab, (0, 0), sigma) - cv2.GaussianBlur(lab, (0, 0), 2 * sigma)
@@ -39,7 +39,7 @@ def blobs(image: Image, size: tuple[int, int]) -> Blobs:
         side = 2 * round(1.5 * sigma) + 1
         window = np.ones((side, side), np.uint8)
         peak = (strength == cv2.dilate(strength, window)) & (strength >= LEAST)
-        row, column = np.nonzero(peak & (cv2.erode(valid, window) > 0))
+        row, column = np.nonzero(peak & (cv2.erode(holds, window) > 0))
         points.append(np.c_[column, row] + 0.5)
         area.append(np.full(len(row), np.pi * (RADIUS * sigma) ** 2))
         contrast.append(strength[row, column])

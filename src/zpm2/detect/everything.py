@@ -59,9 +59,10 @@ def _where_it_pays(
     view: PromptedView, config: SegmentConfig, floor: Floor, known: Answers, progress: Callable[[float], None]
 ) -> list[Answers]:
     """The answers to the prompts of the faster levels, batch by batch."""
-    points, spots, seen = grid(config.grid, view.size), blobs(view.image, view.size), _Seen(view.size)
+    points, valid, seen = grid(config.grid, view.size), has_data(view.image, view.size), _Seen(view.size)
+    spots = blobs(view.image, valid)
     seen.add(known.bits, known.bits)
-    seen.covered |= ~has_data(view.image, view.size)
+    seen.covered |= ~valid
     first, most_spots, outside = (
         max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
     )

@@ -74,11 +74,11 @@ def match_blocks(
     return one_to_one(possible, config.local_match)
 
 
-def layers(uncertainty: float, config: GlobalConfig) -> int:
-    """Of the pyramid, so many that the first search window reaches `uncertainty` px of the block's right image: where
+def layers(error: float, config: GlobalConfig) -> int:
+    """Of the pyramid, so many that the first search window reaches `error` px of the block's right image: where
     neighbours say well where a polygon is, the search begins near to it."""
     reach, count = config.tau - config.phi / 2, 1
-    while reach < uncertainty and count < config.max_layers:
+    while reach < error and count < config.max_layers:
         reach, count = reach * config.factor, count + 1
     return count
 
