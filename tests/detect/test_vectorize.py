@@ -257,3 +257,21 @@ def test_a_polygon_in_the_hole_of_another_has_no_parent():
     inner = Mask(6, 6, np.ones((5, 5), bool))
     assert [p.parent for p in vectorize([Mask(0, 0, frame), inner], EXACT, 0, SIZE)] == [None, None]
     assert [p.parent for p in vectorize([Mask(0, 0, np.ones((20, 20), bool)), inner], EXACT, 0, SIZE)] == [None, 0]
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 24), st.integers(0, 24)), min_size=4, max_size=14, unique=True), st.floats(0, 1)
+)
+@settings(max_examples=100, deadline=None)
+def test_rasterized_neighbours_share_no_pixel_and_leave_none_out(points, shift):
+    """A triangulation, drawn triangle by triangle, its corners on pixel edges and between them."""
+    corners = shapely.MultiPoint(np.array(points, float) + shift)
+    if corners.convex_hull.geom_type != "Polygon":
+        return
+    count = np.zeros((30, 30), int)
+    for triangle in shapely.delaunay_triangles(corners).geoms:
+        mask = rasterize(triangle)
+        count[mask.y0 : mask.y0 + mask.bits.shape[0], mask.x0 : mask.x0 + mask.bits.shape[1]] += mask.bits
+    assert count.max() <= 1
+    hull = rasterize(corners.convex_hull)
+    assert count.sum() == hull.bits.sum()

@@ -1,7 +1,6 @@
-import cv2
 import numpy as np
 import pytest
-from blobs import blobs, box
+from blobs import blobs, box, pixels
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,12 +12,7 @@ WIDTH, HEIGHT = 90, 60
 
 def stack(polygons):
     """(n, h, w) the masks that `Cells` does without."""
-    masks = np.zeros((len(polygons), HEIGHT, WIDTH), np.uint8)
-    for mask, polygon in zip(masks, polygons, strict=True):
-        cv2.fillPoly(mask, [np.round((polygon.exterior - 0.5) * 16).astype(np.int32)], 1, shift=4)
-        for hole in polygon.holes:
-            cv2.fillPoly(mask, [np.round((hole - 0.5) * 16).astype(np.int32)], 0, shift=4)
-    return masks.astype(bool)
+    return np.array([pixels(polygon, WIDTH, HEIGHT) for polygon in polygons]).reshape(-1, HEIGHT, WIDTH)
 
 
 @settings(max_examples=60, deadline=None)
@@ -40,6 +34,22 @@ def test_a_window_is_the_full_image_cut():
         window, inside = polygon_pixels(polygon, WIDTH, HEIGHT)
         full[window] = inside
         assert np.array_equal(full, stack([polygon])[0])
+
+
+def test_the_area_of_a_polygon_along_pixel_edges_is_its_number_of_pixels():
+    assert to_cells([box(0, 10, 20, 14, 23)], WIDTH, HEIGHT).pixels.tolist() == [12]  # 4 x 3; cv2.fillPoly takes 20
+    touching = [box(0, 10, 10, 21, 21), box(1, 21, 10, 32, 21)]
+    cells = to_cells(touching, WIDTH, HEIGHT)
+    assert cells.pixels.tolist() == [121, 121]
+    assert len(cells.sizes) == 3  # neither, one, the other: no pixel is in both
+
+
+def test_a_small_round_polygon_has_about_its_area():
+    angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    for k in range(10):
+        ring = np.array([40 + k / 10, 30 - k / 7]) + 7 * np.c_[np.cos(angles), np.sin(angles)]
+        polygon = Polygon(0, ring)
+        assert to_cells([polygon], WIDTH, HEIGHT).pixels[0] == pytest.approx(polygon.area, rel=0.04)
 
 
 def test_outside_of_the_image_there_are_no_pixels():

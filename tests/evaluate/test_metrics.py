@@ -33,11 +33,6 @@ def pairs(*rows):
     return np.array(rows, int).reshape(-1, 2)
 
 
-def covering(x0, y0, x1, y1):
-    """A box whose pixels are columns x0 to x1 - 1 and rows y0 to y1 - 1 exactly: its outline runs inside of them."""
-    return box(0, x0 + 0.5, y0 + 0.5, x1 - 0.5, y1 - 0.5)
-
-
 def test_counts_by_hand():
     assert precision(3, 4) == 0.75
     assert precision(0, 0) == 0
@@ -49,8 +44,8 @@ def test_counts_by_hand():
 
 
 def test_areas_by_hand():
-    left = to_cells([covering(0, 0, 10, 10), covering(5, 0, 15, 10), covering(40, 40, 60, 60)], *SIZE)
-    right = to_cells([covering(0, 0, 20, 10), covering(40, 40, 50, 50)], *SIZE)
+    left = to_cells([box(0, 0, 0, 10, 10), box(0, 5, 0, 15, 10), box(0, 40, 40, 60, 60)], *SIZE)
+    right = to_cells([box(0, 0, 0, 20, 10), box(0, 40, 40, 50, 50)], *SIZE)
     assert left.pixels.tolist() == [100, 100, 400]
     assert right.pixels.tolist() == [200, 100]
     scored, true = pairs((0, 0), (1, 1)), pairs((0, 0), (2, 1))
@@ -65,8 +60,8 @@ def test_areas_by_hand():
 
 
 def test_coverage_by_hand():
-    left = [covering(20, 20, 60, 60), covering(30, 30, 50, 50), covering(80, 0, 100, 80)]
-    right = [covering(10, 20, 50, 60), covering(20, 30, 40, 50), covering(90, 0, 110, 80)]
+    left = [box(0, 20, 20, 60, 60), box(0, 30, 30, 50, 50), box(0, 80, 0, 100, 80)]
+    right = [box(0, 10, 20, 50, 60), box(0, 20, 30, 40, 50), box(0, 90, 0, 110, 80)]
     overlaps = overlap(left, right, FLAT, SIZE, SIZE)
     assert overlaps.points == 110 * 80
     assert correct_coverage(overlaps, pairs((0, 0))) == pytest.approx(1600 / 8800)
@@ -78,8 +73,8 @@ def test_coverage_by_hand():
 
 
 def test_a_result_by_hand():
-    left = [covering(20, 20, 60, 60), covering(64, 4, 74, 14), covering(80, 0, 100, 80), covering(0, 0, 8, 70)]
-    right = [covering(10, 20, 50, 60), covering(54, 4, 64, 14), covering(85, 0, 105, 80), covering(2, 70, 4, 72)]
+    left = [box(0, 20, 20, 60, 60), box(0, 64, 4, 74, 14), box(0, 80, 0, 100, 80), box(0, 0, 0, 8, 70)]
+    right = [box(0, 10, 20, 50, 60), box(0, 54, 4, 64, 14), box(0, 85, 0, 105, 80), box(0, 2, 70, 4, 72)]
     left, right = ([replace(p, id=10 * k + s) for k, p in enumerate(side)] for s, side in ((1, left), (2, right)))
     found = score(result(left, right, [(1, 2), (21, 22), (31, 32)], SIZE), FLAT, 0.5)
     expected = {"iou": 0.5, "left": 4, "right": 4, "scored": 2, "unscored": 1, "good": 1, "gt": 2, "points": 8800}
@@ -93,7 +88,7 @@ def test_a_result_by_hand():
 
 
 def test_small_polygons_count_for_ccr5():
-    left, right = [covering(64, 4, 86, 24)], [covering(54, 4, 76, 24)]
+    left, right = [box(0, 64, 4, 86, 24)], [box(0, 54, 4, 76, 24)]
     found = score(result(left, right, [(0, 0)], SIZE), FLAT)
     assert found.CCR5 == found.CCR == pytest.approx(440 / 8800)
 
@@ -131,7 +126,7 @@ def test_properties(seed):
 def test_the_tools_rules_for_nothing():
     nothing = score(result([], [], [], SIZE), FLAT).to_dict()
     assert {k: v for k, v in nothing.items() if v} == {"iou": 0.5, "points": 8800}
-    one = [covering(20, 20, 60, 60)]
+    one = [box(0, 20, 20, 60, 60)]
     for left, right in ((one, []), ([], one)):
         assert score(result(left, right, [], SIZE), FLAT).gt == 0
     unseen = score(result(one, one, [(0, 0)], SIZE), from_disparity(np.full((80, 120), np.nan), SIZE))
@@ -140,7 +135,7 @@ def test_the_tools_rules_for_nothing():
 
 def test_scores_at_several_thresholds_are_those_at_each(tmp_path):
     np.save(tmp_path / "d.npy", np.full((80, 120), 10.0))
-    found = result([covering(20, 20, 60, 60)], [covering(14, 20, 54, 60)], [(0, 0)], SIZE)
+    found = result([box(0, 20, 20, 60, 60)], [box(0, 14, 20, 54, 60)], [(0, 0)], SIZE)
     truth = DisparityTruth(tmp_path / "d.npy")
     several = scores(found, truth)
     assert [s.good for s in several] == [1, 1, 1]
@@ -149,8 +144,8 @@ def test_scores_at_several_thresholds_are_those_at_each(tmp_path):
 
 
 def test_score_by_the_papers_protocol():
-    left = [replace(covering(20, 20, 60, 60), id=k) for k in (0,)] + [replace(covering(70, 10, 90, 30), id=1)]
-    right = [replace(covering(12, 20, 52, 60), id=0), replace(covering(50, 10, 70, 30), id=1)]
+    left = [replace(box(0, 20, 20, 60, 60), id=k) for k in (0,)] + [replace(box(0, 70, 10, 90, 30), id=1)]
+    right = [replace(box(0, 12, 20, 52, 60), id=0), replace(box(0, 50, 10, 70, 30), id=1)]
     found = score_centers(result(left, right, [(0, 0), (1, 1)], SIZE), FLAT)
     assert (found.good, found.scored, found.gt, found.P, found.R) == (1, 2, 1, 0.5, 1.0)
     assert found.iou is None
@@ -158,7 +153,7 @@ def test_score_by_the_papers_protocol():
 
 
 def test_matches_must_be_one_to_one_and_name_polygons():
-    polygons = [replace(covering(20, 20, 60, 60), id=k) for k in (4, 9)]
+    polygons = [replace(box(0, 20, 20, 60, 60), id=k) for k in (4, 9)]
     assert match_rows(polygons, polygons, result(polygons, polygons, [(9, 4)], SIZE).matches).tolist() == [[1, 0]]
     with pytest.raises(InputError, match="match 4 - 5 names"):
         score(result(polygons, polygons, [(4, 5)], SIZE), FLAT)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from zpm2.detect.vectorize import rasterize
 from zpm2.model import Polygon
 
 Rows = NDArray[np.intp]
@@ -59,20 +59,15 @@ def to_cells(polygons: Sequence[Polygon], width: int, height: int) -> Cells:
 def polygon_pixels(polygon: Polygon, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
     """The window (rows, columns) of the image in which a polygon lies, and the pixels of the window that are its.
 
-    Pixels that the outline touches belong to the polygon and those that a hole's outline touches do not: the rule of
-    OpenCV's fillPoly on vertices rounded to 1/16 px, whose centres it counts from 0.
+    A pixel belongs to a polygon if its centre lies inside (`detect.vectorize.rasterize`): the area of a polygon along
+    pixel edges is its number of pixels, and polygons that touch share none.
     """
-    x0, y0, x1, y1 = polygon.bounds
-    left, right = np.clip([np.floor(x0) - 2, np.ceil(x1) + 2], 0, width).astype(int)
-    top, bottom = np.clip([np.floor(y0) - 2, np.ceil(y1) + 2], 0, height).astype(int)
-    window = slice(int(top), int(bottom)), slice(int(left), int(right))
-    mask = np.zeros((bottom - top, right - left), np.uint8)
-    if mask.size:
-        for value, rings in ((1, [polygon.exterior]), (0, polygon.holes)):
-            for ring in rings:
-                sixteenths = np.rint((ring - 0.5) * 16) - 16 * np.array([left, top])
-                cv2.fillPoly(mask, [sixteenths.astype(np.int32)], value, shift=4)
-    return window, mask.astype(bool)
+    mask = rasterize(polygon.shape)
+    rows, columns = mask.bits.shape
+    left, right = (int(v) for v in np.clip([mask.x0, mask.x0 + columns], 0, width))
+    top, bottom = (int(v) for v in np.clip([mask.y0, mask.y0 + rows], 0, height))
+    inside = mask.bits[top - mask.y0 : bottom - mask.y0, left - mask.x0 : right - mask.x0]
+    return (slice(top, bottom), slice(left, right)), inside
 
 
 def _membership(holders: Sequence[tuple[int, ...]], n: int) -> Any:

@@ -24,7 +24,7 @@ from zpm2.io.maps import read_map
 from zpm2.model import Polygon, PolygonArrays
 
 MIN_POINTS = 20  # co-visible points in either polygon, below which a pair cannot be judged
-MIN_SHARE = 0.02  # of the larger polygon's pixels, likewise
+MIN_DENSITY = 0.25  # of the average number of co-visible points per pixel of the left image, likewise
 OCCLUSION_DISPARITY = 1.0  # px of disparity by which a nearer point hides another
 OCCLUSION_DEPTH = 1.02  # ratio of depths from which on the nearer point hides the other
 DEPTH_TOLERANCE = (0.03, 0.02)  # share of the depth, and m, by which a point may miss the right image's depth map
@@ -247,9 +247,12 @@ class Overlap:
         return np.asarray(self.both(pairs) / np.maximum(self.either(pairs), 1))
 
     def enough(self, pairs: Rows) -> NDArray[np.bool_]:
-        """(k,) whether a pair can be judged: at least max(20, 2 % of the larger polygon's pixels) points in either."""
+        """(k,) whether a pair can be judged: at least 20 points in either polygon, and at least a quarter as many for
+        each pixel of the larger one as the left image has on average. Where the truth is sparser, as around a tree of
+        which only the trunk was measured, the pair would be judged by a small part of it."""
         larger = np.maximum(self.left.pixels[pairs[:, 0]], self.right.pixels[pairs[:, 1]])
-        return np.asarray(self.either(pairs) >= np.maximum(MIN_POINTS, MIN_SHARE * larger))
+        least = MIN_DENSITY * self.points / self.left.labels.size * larger
+        return np.asarray(self.either(pairs) >= np.maximum(MIN_POINTS, least))
 
 
 def overlap(
