@@ -230,3 +230,12 @@ def test_large_neighbours_have_different_colours_among_many_small_ones():
 
 def test_many_things_in_one_place_have_colours():
     assert len(distinct_colors(np.zeros((1500, 2)), np.zeros(1500))) == 1500
+
+
+def test_a_match_carries_its_id(monkeypatch):
+    written = []
+    monkeypatch.setattr("zpm2.view.overlay._write", lambda panel, labels: written.append(labels) or panel)
+    ring = np.array([[20, 20], [90, 20], [90, 90], [20, 90.0]])
+    gray = Image(np.full((120, 160, 3), 90, np.uint8))
+    overlay(gray, gray, [Polygon(4, ring), Polygon(57, ring / 2)], [Polygon(9, ring)], [match(57, 9)])
+    assert [{label.text for label in side} for side in written] == [{"left", "57"}, {"right", "57"}]

@@ -49,6 +49,7 @@ def points_from_dict(values: Mapping[str, Any]) -> PointMatches:
 def match_to_dict(match: PolygonMatch) -> dict[str, Any]:
     """A match of `matches.json`."""
     return {
+        "id": match.id,
         "left": match.left,
         "right": match.right,
         "confidence": match.confidence,

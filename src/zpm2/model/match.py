@@ -25,3 +25,8 @@ class PolygonMatch:
     outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
     # (k, 5) homologous points all around the exteriors: x_left, y_left, x_right, y_right, residual, px; empty unless
     # asked for (see `local_match.outline`)
+
+    @property
+    def id(self) -> int:
+        """What every file and picture calls this match: the id of its left polygon, which no other match has."""
+        return self.left
