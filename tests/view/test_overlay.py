@@ -1,3 +1,5 @@
+import importlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -234,8 +236,8 @@ def test_many_things_in_one_place_have_colours():
 
 def test_a_match_carries_its_id(monkeypatch):
     written = []
-    monkeypatch.setattr("zpm2.view.overlay._write", lambda panel, labels: written.append(labels) or panel)
-    ring = np.array([[20, 20], [90, 20], [90, 90], [20, 90.0]])
-    gray = Image(np.full((120, 160, 3), 90, np.uint8))
-    overlay(gray, gray, [Polygon(4, ring), Polygon(57, ring / 2)], [Polygon(9, ring)], [match(57, 9)])
+    module = importlib.import_module("zpm2.view.overlay")  # `zpm2.view.overlay` is the function
+    monkeypatch.setattr(module, "_write", lambda panel, labels: written.append(labels) or panel)
+    left = [_box(4, 5, 5, 60, 60), _box(57, 70, 20, 140, 90)]
+    overlay(_gray(160, 120), _gray(160, 120), left, [_box(9, 60, 20, 130, 90)], [_match(57, 9)])
     assert [{label.text for label in side} for side in written] == [{"left", "57"}, {"right", "57"}]

@@ -71,7 +71,8 @@ def overlay(
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: the two photographs side by side, or one above the other where that fits a screen better.
 
-    Matched polygons are filled and outlined in one colour and carry the id of their match in both photographs; unmatched ones have a thin pale outline. Larger polygons lie below and are more transparent.
+    Matched polygons are filled and outlined in one colour and carry the id of their match in both photographs; unmatched
+    ones have a thin pale outline. Larger polygons lie below and are more transparent.
     Of more than `CROWD` matches, only those carry a number that have room for it in both photographs.
     max_width: px, no side of the result is longer. sizes: (width, height) px of the photographs that the polygons'
     coordinates are of, where `left` and `right` are reduced versions of them; None: the images' own. The same input
@@ -90,7 +91,9 @@ def overlay(
     panels, labels = [], []
     for k, (image, polygons) in enumerate(((left, left_polygons), (right, right_polygons))):
         size, scale = panel_sizes[k], np.array(panel_sizes[k]) / full[k]
-        matched = [_region(pair[k], scale, size, areas[n], colors[n], str(matches[n].id)) for n, pair in enumerate(pairs)]
+        matched = [
+            _region(pair[k], scale, size, areas[n], colors[n], str(matches[n].id)) for n, pair in enumerate(pairs)
+        ]
         used = {pair[k].id for pair in pairs}
         others = [ring for p in polygons if p.id not in used for ring in _rings(p, scale)]
         order = sorted(matched, key=lambda region: -region.area)
