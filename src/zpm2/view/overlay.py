@@ -71,8 +71,8 @@ def overlay(
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: the two photographs side by side, or one above the other where that fits a screen better.
 
-    Matched polygons are filled and outlined in one colour and carry the id of their match in both photographs; unmatched
-    ones have a thin pale outline. Larger polygons lie below and are more transparent.
+    Matched polygons are filled and outlined in one colour and carry the id of their match in both photographs;
+    unmatched ones have a thin pale outline. Larger polygons lie below and are more transparent.
     Of more than `CROWD` matches, only those carry a number that have room for it in both photographs.
     max_width: px, no side of the result is longer. sizes: (width, height) px of the photographs that the polygons'
     coordinates are of, where `left` and `right` are reduced versions of them; None: the images' own. The same input
