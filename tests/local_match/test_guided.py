@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from painted import PaintedView, Region, blank
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from zpm2 import config, geometry
@@ -183,3 +184,18 @@ def test_progress_runs_through_both_images():
     guided.detect(views, initial, CONFIG, shares.append)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
+
+
+def test_of_equally_deep_pixels_the_first_is_asked_wherever_the_shape_lies_in_memory():
+    rng = np.random.default_rng(3)
+    row, column = np.mgrid[:80, :120]
+    for _ in range(40):
+        a, b = rng.integers(8, 38), rng.integers(8, 58)
+        shape = ((row - 40) / a) ** 2 + ((column - 60) / b) ** 2 <= 1  # has several deepest pixels
+        depth = distance_transform_edt(shape)
+        deepest = np.unravel_index(np.argmax(np.rint(depth**2)), shape.shape)
+        for shift in (0, 1, 7, 24):
+            bits = np.zeros(shape.size + 64, bool)[shift : shift + shape.size].reshape(shape.shape)
+            bits[...] = shape
+            point = guided.prompts(bits[None], 1.0).points[0, 0]
+            assert point.tolist() == [deepest[1] + 0.5, deepest[0] + 0.5]

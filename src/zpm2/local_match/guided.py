@@ -152,12 +152,14 @@ def propose(view: PromptedView, asked: Regions, there: Carrier, back: Carrier, c
 
 
 def prompts(cover: NDArray[np.bool_], low: float) -> Prompts:
-    """For each (h, w) shape, none empty, the pixel deepest inside it and its box."""
+    """For each (h, w) shape, none empty, the pixel deepest inside it, of equally deep ones the first row by row, and its
+    box."""
     points = np.zeros((len(cover), 3, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
         depth = cv2.distanceTransform(crop, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        y, x = np.unravel_index(np.argmax(depth), depth.shape)
+        squared = np.rint(depth**2)  # whole numbers; OpenCV's last bits depend on where the array lies in memory
+        y, x = np.unravel_index(np.argmax(squared), depth.shape)
         points[k] = (x0 + x - 0.5, y0 + y - 0.5), (x0, y0), (x1, y1)
     return Prompts(points / low, np.array([INSIDE, CORNER, OTHER_CORNER]))
 
