@@ -152,8 +152,8 @@ def propose(view: PromptedView, asked: Regions, there: Carrier, back: Carrier, c
 
 
 def prompts(cover: NDArray[np.bool_], low: float) -> Prompts:
-    """For each (h, w) shape, none empty, the pixel deepest inside it, of equally deep ones the first row by row, and its
-    box."""
+    """For each (h, w) shape, none empty, the pixel deepest inside it (of equally deep ones the first, row by row) and
+    its box."""
     points = np.zeros((len(cover), 3, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
