@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import sqlite3
 import sys
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io import geojson, gis
-from zpm2.model import Georeference, Polygon, PolygonMatch
+from zpm2.model import Counterpart, Georeference, Polygon, PolygonMatch
 
 pyogrio = pytest.importorskip("pyogrio")
 warp = pytest.importorskip("rasterio.warp")
@@ -34,11 +35,22 @@ POLYGONS = [
 SHAPES = np.array([p.shape for p in POLYGONS], object)
 AREAS = shapely.area(SHAPES)
 MATCHES = [PolygonMatch(3, 11, 0.75, 0.2, 9, "global", 0.8), PolygonMatch(8, 12, 0.5, 0.4, 0, "guided")]
-FIELDS = ["polygon_id", "area_px", "area_m2", "score", "parent", "label", "match", "confidence", "unmatched"]
+FIELDS = [
+    "polygon_id",
+    "area_px",
+    "area_m2",
+    "score",
+    "parent",
+    "label",
+    "match",
+    "match_id",
+    "confidence",
+    "unmatched",
+]
 
 
 def layer(geo, name="left", polygons=POLYGONS):
-    return gis.Layer(name, polygons, geo, {3: (11, 0.75)}, {8: "beyond the other photograph"})
+    return gis.Layer(name, polygons, geo, {3: Counterpart(3, 11, 0.75)}, {8: "beyond the other photograph"})
 
 
 def utm(transform=NORTH_UP, gsd=0.1):
@@ -75,8 +87,50 @@ def test_geopackage_fields(tmp_path):
     assert fields["parent"] == [None, 3, None]
     assert fields["label"] == ["Dach, grün", None, None]
     assert fields["match"] == [11, None, None]
+    assert fields["match_id"] == [3, None, None]
     assert fields["confidence"] == [0.75, None, None]
     assert fields["unmatched"] == [None, "beyond the other photograph", None]
+
+
+GIVEN = [
+    {"name": "Hof", "storeys": 3, "Area_px": 12, "fid": 1, "flat": True, "share": 1, "tags": ["a", "ü"]},
+    {"name": None, "storeys": None, "Area_px": 7, "fid": 1, "flat": False, "share": 0.5, "tags": "none", "big": 2**70},
+    {"Name": 5, "a name longer than ten": 1},
+]
+
+
+@pytest.mark.parametrize("form", ["gpkg", "shp"])
+def test_ids_and_properties_of_given_regions(tmp_path, form):
+    """One column each, null where a region has none; names that are ours get a prefix."""
+    polygons = [
+        dataclasses.replace(polygon, source_id=f"way/{k}", properties=given)
+        for k, (polygon, given) in enumerate(zip(POLYGONS, GIVEN, strict=True))
+    ]
+    given = layer(utm(), polygons=polygons)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = packed(tmp_path, given) if form == "gpkg" else gis.write_shapefile(tmp_path, given)
+    fields = read(path, "left")[2]
+    assert [name for name in fields if name in FIELDS] == FIELDS
+    assert fields["polygon_id"] == [3, 8, 2**53 - 1]
+    assert fields["source_id"] == ["way/0", "way/1", "way/2"]
+    assert fields["name"] == ["Hof", None, None]
+    assert fields["storeys"] == [3, None, None]
+    assert fields["share"] == [1, 0.5, None]
+    assert fields["tags"] == ['["a", "ü"]', "none", None]
+    assert fields["big"] == [None, str(2**70), None]
+    if form == "gpkg":
+        assert fields["flat"] == [True, False, None]
+        assert fields["source_Area_px"] == [12, 7, None]
+        assert fields["source_fid"] == [1, 1, None]
+        assert fields["source_Name"] == [None, None, 5]
+        assert fields["a name longer than ten"] == [None, None, 1]
+    else:
+        assert len(fields) == len(FIELDS) + 1 + len({name for row in GIVEN for name in row})
+
+
+def test_no_regions_were_given_no_column_says_so(tmp_path):
+    assert "source_id" not in read(packed(tmp_path, layer(utm())), "left")[2]
 
 
 def test_geopackage_matches_join_by_id(tmp_path):
@@ -84,7 +138,7 @@ def test_geopackage_matches_join_by_id(tmp_path):
     crs, shapes, fields = read(path, "matches")
     assert crs is None
     assert shapes is None
-    assert fields == {
+    assert fields == {"match_id": [3, 8]} | {
         name: [getattr(m, name) for m in MATCHES]
         for name in ("left", "right", "confidence", "cost", "dsf", "stage", "overlap")
     }
@@ -205,7 +259,7 @@ def test_an_earlier_shapefile_leaves_no_side_file(tmp_path):
 def test_geographic_features():
     collection = gis.feature_collection(layer(utm(ROTATED)))
     assert set(collection) == {"type", "features"}  # no "crs": RFC 7946 has one only
-    plain = geojson.feature_collection(POLYGONS, {3: (11, 0.75)}, "left.png", 64, 48)["features"]
+    plain = geojson.feature_collection(POLYGONS, {3: Counterpart(3, 11, 0.75)}, "left.png", 64, 48)["features"]
     for feature, other, reason in zip(
         collection["features"], plain, [None, "beyond the other photograph", None], strict=True
     ):

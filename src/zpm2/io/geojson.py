@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.io.described import OURS, beside, described
 from zpm2.io.files import atomic_write
-from zpm2.model import Polygon
+from zpm2.model import Counterpart, Polygon
 
 FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
 LIMIT = 1e9  # px, a coordinate beyond it is no pixel of any image
@@ -41,24 +42,26 @@ class FeatureCollection:
 
 def feature_collection(
     polygons: Sequence[Polygon],
-    match_of: Mapping[int, tuple[int, float]] | None,
+    match_of: Mapping[int, Counterpart] | None,
     image_name: str,
     width: int,
     height: int,
+    unmatched: Mapping[int, str] | None = None,
 ) -> dict[str, Any]:
     """The polygons of an image of `width` x `height` px as a GeoJSON FeatureCollection in image px.
 
-    `match_of` gives (partner's id, confidence) by polygon id. GeoJSON knows geographic coordinates only, so the frame
-    is named in the member "coordinate_frame", and "crs": null (GeoJSON 2008: no reference system) is for programs that
-    would take pixels for degrees. Exteriors run counter-clockwise by their numbers, as RFC 7946 wants, y pointing down.
+    `match_of` gives its match, `unmatched` why it has none, by polygon id. GeoJSON knows geographic coordinates only,
+    so the frame is named in the member "coordinate_frame", and "crs": null (GeoJSON 2008: no reference system) is for
+    programs that would take pixels for degrees. Exteriors run counter-clockwise by their numbers, as RFC 7946 wants, y
+    pointing down.
     """
-    partners = match_of or {}
+    partners, reasons = match_of or {}, unmatched or {}
     return {
         "type": "FeatureCollection",
         "coordinate_frame": FRAME,
         "crs": None,
         "image": {"name": image_name, "width": width, "height": height},
-        "features": [_feature(polygon, *partners.get(polygon.id, (None, None))) for polygon in polygons],
+        "features": [_feature(p, partners.get(p.id), reasons.get(p.id)) for p in polygons],
     }
 
 
@@ -115,24 +118,17 @@ def region_id(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
-def properties(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
-    """What a feature says of a polygon beside its outline; area in px^2, the partner by its id."""
-    return {
-        "area": polygon.area,
-        "score": polygon.score,
-        "parent": polygon.parent,
-        "label": polygon.label,
-        "match": partner,
-        "confidence": confidence,
-    }
+def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+    """What a feature says of a polygon beside its outline, and what its source said."""
+    return {**described(polygon, partner, unmatched), **beside(polygon.properties, OURS)}
 
 
-def _feature(polygon: Polygon, partner: int | None, confidence: float | None) -> dict[str, Any]:
+def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
     rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
     return {
         "type": "Feature",
         "id": polygon.id,
-        "properties": properties(polygon, partner, confidence),
+        "properties": properties(polygon, partner, unmatched),
         "geometry": {"type": "Polygon", "coordinates": rings},
     }
 

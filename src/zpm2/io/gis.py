@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import json
 import os
 import shutil
 import tempfile
@@ -17,13 +18,15 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io import geojson
+from zpm2.io.described import PREFIX
 from zpm2.io.files import why
-from zpm2.model import Georeference, Polygon, PolygonArrays, PolygonMatch
+from zpm2.model import Counterpart, Georeference, Polygon, PolygonArrays, PolygonMatch
 
 Array = NDArray[np.float64]
 
 DEGREES = 8  # decimals of longitude and latitude: about 1 mm
 GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
+RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
 
 
@@ -34,7 +37,7 @@ class Layer:
     name: str  # "left" or "right"
     polygons: Sequence[Polygon]
     geo: Georeference  # of the photograph; without CRS or transform the layer lies in image px
-    match_of: Mapping[int, tuple[int, float]]  # polygon id -> (partner's id, confidence 0..1)
+    match_of: Mapping[int, Counterpart]  # by polygon id
     unmatched: Mapping[int, str]  # polygon id -> why it has no partner; may lack ids
 
 
@@ -44,6 +47,22 @@ class _Table:
 
     columns: dict[str, NDArray[Any]]
     nulls: dict[str, NDArray[np.bool_]]
+
+    def with_properties(self, rows: Sequence[Mapping[str, Any]]) -> "_Table":
+        """And the properties that its n polygons were given with, each in a column of its own.
+
+        A name that is taken (formats do not tell upper from lower case) gets a prefix. Columns of truth values, of
+        whole numbers and of numbers stay so; all others are text, JSON where a value is none.
+        """
+        columns, nulls = dict(self.columns), dict(self.nulls)
+        taken = {*columns, *RESERVED}
+        for name in dict.fromkeys(name for row in rows for name in row):
+            column = "".join(letter if letter.isprintable() else " " for letter in name)
+            while column.lower() in taken or not column:
+                column = PREFIX + column
+            taken.add(column.lower())
+            columns[column], nulls[column] = _column([row.get(name) for row in rows])
+        return _Table(columns, nulls)
 
 
 def require_pyogrio() -> Any:
@@ -82,9 +101,10 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
 
     Two layers with the names and the coordinates (`world_shapes`) of `left` and `right`, each in the CRS of its own
     photograph or in the undefined Cartesian one, with the fields polygon_id, area_px, area_m2 (null where no ground
-    sampling distance is known), score, parent, label, match (partner's polygon_id), confidence, unmatched; and a table
-    "matches" without geometry: left, right (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it
-    cannot be written, and `path` is then what it was before.
+    sampling distance is known), score, parent, label, match (partner's polygon_id), match_id, confidence, unmatched; of
+    given regions source_id and their properties. And a table "matches" without geometry: match_id, left, right
+    (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it cannot be written, and `path` is then
+    what it was before.
     """
     path = Path(path)
     with _moved_into(path.parent, path) as folder:
@@ -122,7 +142,7 @@ def feature_collection(layer: Layer) -> dict[str, Any]:
     """The layer as a GeoJSON FeatureCollection of RFC 7946: WGS 84 longitude and latitude in degrees, 8 decimals.
 
     The photograph must be located (`geo.located`); for others there is `io.geojson`. "id" is the polygon's; properties
-    are those of `io.geojson` ("area" in px^2), "area_m2" and "unmatched". Exteriors run counter-clockwise. A polygon
+    are those of `io.geojson` ("area" in px^2) and "area_m2". Exteriors run counter-clockwise. A polygon
     across the antimeridian is not cut: its longitudes go on past 180 or -180, so that its outline does not jump.
     `InputError` where the CRS has no way to longitude and latitude, or a vertex lies where it is not defined.
     """
@@ -137,10 +157,8 @@ def feature_collection(layer: Layer) -> dict[str, Any]:
     meters = _square_meters(layer.geo)
     features = []
     for k, polygon in enumerate(layer.polygons):
-        properties = geojson.properties(polygon, *layer.match_of.get(polygon.id, (None, None))) | {
-            "area_m2": None if meters is None else polygon.area * meters,
-            "unmatched": layer.unmatched.get(polygon.id),
-        }
+        said = geojson.properties(polygon, layer.match_of.get(polygon.id), layer.unmatched.get(polygon.id))
+        properties = said | {"area_m2": None if meters is None else polygon.area * meters}
         geometry = {"type": "Polygon", "coordinates": rings[first_ring[k] : first_ring[k + 1]]}
         features.append({"type": "Feature", "id": polygon.id, "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
@@ -222,7 +240,8 @@ def _table(layer: Layer) -> _Table:
     polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
     partners = [layer.match_of.get(id) for id in ids]
     parent, no_parent = _integers([polygon.parent for polygon in polygons])
-    match, no_match = _integers([partner and partner[0] for partner in partners])
+    match, no_match = _integers([None if partner is None else partner.polygon_id for partner in partners])
+    match_id, _ = _integers([None if partner is None else partner.match_id for partner in partners])
     meters = _square_meters(layer.geo)
     columns = {
         "polygon_id": arrays.ids,
@@ -232,14 +251,19 @@ def _table(layer: Layer) -> _Table:
         "parent": parent,
         "label": np.array([polygon.label for polygon in polygons], object),
         "match": match,
-        "confidence": np.array([partner[1] if partner else np.nan for partner in partners], np.float64),
+        "match_id": match_id,
+        "confidence": np.array([partner.confidence if partner else np.nan for partner in partners], np.float64),
         "unmatched": np.array([layer.unmatched.get(id) for id in ids], object),
     }
-    return _Table(columns, {"parent": no_parent, "match": no_match})
+    nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
+    if any(polygon.source_id is not None for polygon in polygons):
+        columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
+    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons])
 
 
 def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
     kinds = {
+        "match_id": np.int64,
         "left": np.int64,
         "right": np.int64,
         "confidence": np.float64,
@@ -248,7 +272,26 @@ def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
         "stage": object,
         "overlap": np.float64,
     }
-    return _Table({name: np.array([getattr(m, name) for m in matches], kind) for name, kind in kinds.items()}, {})
+    members = {"match_id": "id"}
+    return _Table(
+        {name: np.array([getattr(m, members.get(name, name)) for m in matches], kind) for name, kind in kinds.items()},
+        {},
+    )
+
+
+def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """(n,) JSON values of any kinds in one type, and (n,) which of them are null."""
+    null = np.array([value is None for value in values], bool)
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {bool}:
+        return np.array([bool(value) for value in values], bool), null
+    fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
+    if kinds == {int} and fit:
+        return _integers(values)
+    if kinds in ({float}, {int, float}) and fit:
+        return np.array([np.nan if value is None else float(value) for value in values], np.float64), null
+    texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
+    return np.array(texts, object), null
 
 
 def _integers(values: Sequence[int | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -271,6 +314,7 @@ def _write(
     with warnings.catch_warnings(), _full_disk_named(path.parent, body, len(next(iter(table.columns.values())))):
         warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
         warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
+        warnings.filterwarnings("ignore", ".*laundered", RuntimeWarning)  # names over 10 letters there
         pyogrio.raw.write(
             path,
             body,

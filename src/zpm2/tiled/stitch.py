@@ -8,7 +8,7 @@ union still ends at a border, it is left out, as its outline would be the tile's
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -74,9 +74,9 @@ def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: flo
     kept = suppress(everything, np.lexsort((-scores, is_united, -levels)), nms_iou)
     kept = np.sort(kept[shapely.area(everything[kept]) >= min_area])
     polygons = [
-        from_shape(
-            everything[row], k, float(scores[row]), None if is_united[row] else pieces.polygons[whole[row]].label
-        )
+        from_shape(everything[row], k, float(scores[row]))
+        if is_united[row]
+        else replace(pieces.polygons[whole[row]], id=k)
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
