@@ -174,19 +174,23 @@ class MatchResult:
         }
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
-        """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids: of a located
-        photograph in longitude and latitude (RFC 7946), of others, or where its reference system has none, in image px
-        and marked so."""
+        """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids: of a
+        photograph that its file places on the ground, in longitude and latitude (RFC 7946), of others, or where its
+        reference system has none, in image px and marked so."""
         return {name: self._side_geojson(name) for name in SIDES}
 
     def _side_geojson(self, name: SideName) -> dict[str, Any]:
         layer = self._layer(name)
-        if layer.geo.located:
+        if layer.crs is not None:
             with contextlib.suppress(InputError):  # no longitude and latitude: the run has said so
                 return gis.feature_collection(layer)
         side: Side = getattr(self, name)
         image = side.path or name, side.width, side.height
         return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
+
+    def gis_notes(self) -> list[str]:
+        """What files for a GIS miss, or what to know of them: for a run's `warnings`."""
+        return gis.notes([self._layer(name) for name in SIDES])
 
     def _layer(self, name: SideName) -> gis.Layer:
         """One side for a GIS."""
@@ -231,11 +235,11 @@ class MatchResult:
     def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
         """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
 
-        Where a photograph is located, matches.gpkg comes with them if pyogrio is installed; of large photographs a
-        contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp), "coco"
-        (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last: where it
-        is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format without its
-        package, and `InputError` as from `plot`.
+        Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
+        photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
+        "coco" (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last:
+        where it is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format
+        without its package, and `InputError` as from `plot`.
         """
         pictures = {"overlay": self.plot()}
         if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
@@ -244,7 +248,7 @@ class MatchResult:
         for name, collection in self.to_geojson().items():
             geojson.write(folder / f"{name}.geojson", collection)
         layers = self._layer("left"), self._layer("right")
-        if "gpkg" in formats or (gis.has_pyogrio() and any(layer.geo.located for layer in layers)):
+        if "gpkg" in formats or (gis.has_pyogrio() and any(layer.crs is not None for layer in layers)):
             gis.write_geopackage(folder / "matches.gpkg", *layers, self.matches)
         if "shapefile" in formats:
             for layer in layers:

@@ -302,6 +302,59 @@ def test_the_antimeridian_makes_no_jump():
     assert sorted({x for x, _ in ring}) == [-170, -169.996]
 
 
+def by_rpc(**changes):
+    """A degree a px, south up, from 12 east and 40 north on; believed within 60 px and more around the 30th."""
+    unit, east, north = [1.0] + [0.0] * 19, [0.0, 1.0] + [0.0] * 18, [0.0, 0.0, 1.0] + [0.0] * 17
+    offsets = {"line_off": 29.5, "samp_off": 29.5, "line_scale": 30.0, "samp_scale": 30.0, "height_off": 321.0}
+    ground = {"lat_off": 40.003, "long_off": 12.003, "lat_scale": 3e-3, "long_scale": 3e-3, "height_scale": 100.0}
+    terms = {"line_num_coeff": north, "line_den_coeff": unit, "samp_num_coeff": east, "samp_den_coeff": unit}
+    return Georeference(gsd=0.5, rpc={**offsets, **ground, **terms, "err_bias": None, "err_rand": None, **changes})
+
+
+def test_placed_by_rpc(tmp_path):
+    """In longitude and latitude at their mean height, and that is said."""
+    placed = layer(by_rpc())
+    assert (placed.crs, placed.by_rpc) == ("EPSG:4326", True)
+    wanted = shapely.normalize(shapely.transform(SHAPES, lambda xy: xy * 1e-4 + [12, 40]))
+    crs, shapes, fields = read(packed(tmp_path, placed), "left")
+    assert crs == "EPSG:4326"
+    assert shapely.equals_exact(shapely.normalize(shapes), wanted, 1e-8).all()
+    assert fields["area_m2"] == pytest.approx(AREAS * 0.25)
+    features = gis.feature_collection(placed)["features"]
+    written = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
+    assert shapely.equals_exact(shapely.normalize(written), wanted, 2e-8).all()
+    assert read(gis.write_shapefile(tmp_path, placed))[0] == "EPSG:4326"
+    (note,) = gis.notes([placed])
+    assert note.startswith(
+        "left image: files for a GIS are in longitude and latitude at the mean height of its RPC, 321 m"
+    )
+    assert gis.notes([layer(Georeference()), layer(utm(), "right")]) == []
+
+
+def test_rpcs_at_the_antimeridian_make_no_jump(tmp_path):
+    placed = layer(by_rpc(long_off=180.0))
+    for shape in (*gis.world_shapes(placed), *read(packed(tmp_path, placed), "left")[1]):
+        x0, _, x1, _ = shape.bounds
+        assert x1 - x0 < 0.01
+
+
+@pytest.mark.parametrize("rpc", [{"samp_scale": 5.0}, {"line_den_coeff": [1.0]}, {"unknown": 1}])
+def test_rpcs_that_do_not_reach_the_polygons_leave_them_in_pixels(tmp_path, rpc):
+    placed = layer(by_rpc(**rpc))
+    assert placed.crs is None
+    crs, shapes, _ = read(packed(tmp_path, placed), "left")
+    assert "EPSG" not in str(crs)
+    assert shapely.equals(shapes, shapely.transform(SHAPES, lambda xy: xy * (1, -1))).all()
+    assert gis.notes([placed]) == [
+        "left image: its RPC does not reach all of its polygons: files for a GIS are in image px"
+    ]
+
+
+def test_a_system_without_longitude_and_latitude_is_noted():
+    (note,) = gis.notes([layer(Georeference(SITE, NORTH_UP, 0.1))])
+    assert note == "left image: its reference system has no longitude and latitude: left.geojson is in image px"
+
+
 def test_vertices_without_longitude_and_latitude():
     with pytest.raises(InputError, match="left image"):
         gis.feature_collection(layer(utm(NORTH_UP * 1e9)))

@@ -100,7 +100,7 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
         values.get("crs"),
         None if transform is None else np.array(transform, np.float64).reshape(2, 3),
         values.get("gsd"),
-        None if rpc is None else dict(rpc),
+        None if rpc is None else {str(name): value for name, value in dict(rpc).items()},
     )
     unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
     return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)

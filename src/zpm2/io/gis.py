@@ -9,6 +9,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io import geojson
 from zpm2.io.described import PREFIX
 from zpm2.io.files import why
+from zpm2.io.placing import world_of
 from zpm2.model import Counterpart, Georeference, Polygon, PolygonArrays, PolygonMatch
 
 Array = NDArray[np.float64]
@@ -36,9 +38,33 @@ class Layer:
 
     name: str  # "left" or "right"
     polygons: Sequence[Polygon]
-    geo: Georeference  # of the photograph; without CRS or transform the layer lies in image px
+    geo: Georeference  # of the photograph
     match_of: Mapping[int, Counterpart]  # by polygon id
     unmatched: Mapping[int, str]  # polygon id -> why it has no partner; may lack ids
+
+    @property
+    def crs(self) -> str | None:
+        """The reference system that the layer lies in: the photograph's, or longitude and latitude where RPCs place it,
+        at their mean height; None for image px, where nothing places it, or not all of its polygons."""
+        return self._placed[0]
+
+    @property
+    def by_rpc(self) -> bool:
+        """Whether it is in longitude and latitude by RPC."""
+        return self.crs is not None and not self.geo.located
+
+    @cached_property
+    def _placed(self) -> tuple[str | None, Array]:
+        """`crs`, and (v, 2) the vertices of all rings there (`_vertices`)."""
+        vertices, ring_of, first_ring = _vertices(self.polygons)
+        world = world_of(self.geo)
+        if world is None:
+            return None, vertices
+        crs, to_world = world
+        if self.geo.located:
+            return crs, to_world(vertices)
+        degrees = _without_jumps(to_world(vertices), ring_of, first_ring)
+        return (crs, degrees) if np.isfinite(degrees).all() else (None, vertices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +110,13 @@ def has_pyogrio() -> bool:
 
 
 def world_shapes(layer: Layer) -> NDArray[np.object_]:
-    """(n,) shapely polygons in the CRS of the layer's photograph, in the order of a GIS (easting or longitude first).
+    """(n,) shapely polygons in the CRS of the layer, in the order of a GIS (easting or longitude first).
 
-    Where the photograph is not located they are in image px with y negated, which is where QGIS draws an image without
-    georeference. Exteriors run counter-clockwise in these coordinates, holes clockwise.
+    Where nothing places the photograph (`Layer.crs`) they are in image px with y negated, which is where QGIS draws an
+    image without georeference. Exteriors run counter-clockwise in these coordinates, holes clockwise.
     """
-    vertices, ring_of, first_ring = _vertices(layer.polygons)
-    vertices = layer.geo.to_world(vertices) if layer.geo.located else vertices * (1, -1)
+    _, ring_of, first_ring = _vertices(layer.polygons)
+    vertices = layer._placed[1] * (1, -1 if layer.crs is None else 1)
     closed, offsets = _closed(vertices, ring_of, first_ring)
     polygon_type = shapely.GeometryType.POLYGON
     return np.asarray(shapely.from_ragged_array(polygon_type, closed, (offsets, first_ring)), object)
@@ -110,8 +136,8 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
     with _moved_into(path.parent, path) as folder:
         temporary = folder / "a.gpkg"
         for layer in (left, right):
-            srs = {} if layer.geo.located else {"SRID": "-1"}
-            _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.geo, srs)
+            srs = {"SRID": "-1"} if layer.crs is None else {}
+            _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.crs, srs)
         _write(temporary, "GPKG", "matches", _match_table(matches))
         os.replace(temporary, path)
         for suffix in ("-wal", "-shm", "-journal"):  # a GIS's, of the file that was there: SQLite would apply them
@@ -128,7 +154,7 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     """
     target = Path(folder) / f"{layer.name}.shp"
     with _moved_into(target.parent, target) as temporary:
-        _write(temporary / target.name, "ESRI Shapefile", layer.name, _table(layer), world_shapes(layer), layer.geo)
+        _write(temporary / target.name, "ESRI Shapefile", layer.name, _table(layer), world_shapes(layer), layer.crs)
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
@@ -141,17 +167,14 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
 def feature_collection(layer: Layer) -> dict[str, Any]:
     """The layer as a GeoJSON FeatureCollection of RFC 7946: WGS 84 longitude and latitude in degrees, 8 decimals.
 
-    The photograph must be located (`geo.located`); for others there is `io.geojson`. "id" is the polygon's; properties
+    The layer must have a CRS (`Layer.crs`); for others there is `io.geojson`. "id" is the polygon's; properties
     are those of `io.geojson` ("area" in px^2) and "area_m2". Exteriors run counter-clockwise. A polygon
     across the antimeridian is not cut: its longitudes go on past 180 or -180, so that its outline does not jump.
     `InputError` where the CRS has no way to longitude and latitude, or a vertex lies where it is not defined.
     """
-    assert layer.geo.located
-    vertices, ring_of, first_ring = _vertices(layer.polygons)
-    degrees = _degrees(layer, layer.geo.to_world(vertices))
-    begins = np.searchsorted(ring_of, first_ring)  # of each polygon's vertices
-    start = np.repeat(degrees[begins[:-1], 0], np.diff(begins))
-    degrees[:, 0] -= 360 * np.round((degrees[:, 0] - start + 360 * np.round(start / 360)) / 360)
+    assert layer.crs is not None
+    _, ring_of, first_ring = _vertices(layer.polygons)
+    degrees = _without_jumps(_degrees(layer, layer._placed[1]), ring_of, first_ring)
     closed, offsets = _closed(np.round(degrees, DEGREES), ring_of, first_ring)
     rings = [ring.tolist() for ring in np.split(closed, offsets[1:-1])]
     meters = _square_meters(layer.geo)
@@ -162,6 +185,42 @@ def feature_collection(layer: Layer) -> dict[str, Any]:
         geometry = {"type": "Polygon", "coordinates": rings[first_ring[k] : first_ring[k + 1]]}
         features.append({"type": "Feature", "id": polygon.id, "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}
+
+
+def notes(layers: Sequence[Layer]) -> list[str]:
+    """What files for a GIS miss, or what to know of them."""
+    found = []
+    for layer in layers:
+        geo, image = layer.geo, f"{layer.name} image"
+        if layer.by_rpc and geo.rpc is not None:
+            found.append(
+                f"{image}: files for a GIS are in longitude and latitude at the mean height of its RPC, "
+                f"{geo.rpc['height_off']:g} m: what lies higher or lower is shifted there"
+            )
+        elif geo.rpc and layer.crs is None:
+            found.append(f"{image}: its RPC does not reach all of its polygons: files for a GIS are in image px")
+        if geo.crs is None and geo.transform is not None:
+            found.append(
+                f"{image}: its geotransform has no reference system, results are in image px: assign the one it is in"
+            )
+        try:
+            _ = layer.crs is None or feature_collection(layer)
+        except InputError:
+            found.append(
+                f"{image}: its reference system has no longitude and latitude: {layer.name}.geojson is in image px"
+            )
+    if any(layer.crs is not None for layer in layers) and not has_pyogrio():
+        found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
+    return found
+
+
+def _without_jumps(degrees: Array, ring_of: NDArray[np.int64], first_ring: NDArray[np.int64]) -> Array:
+    """(v, 2) longitudes and latitudes of `_vertices` with the longitudes of a polygon within half a turn of its
+    first."""
+    begins = np.searchsorted(ring_of, first_ring)  # of each polygon's vertices
+    start = np.repeat(degrees[begins[:-1], 0], np.diff(begins))
+    turns = np.round((degrees[:, 0] - start + 360 * np.round(start / 360)) / 360)
+    return np.column_stack([degrees[:, 0] - 360 * turns, degrees[:, 1]])
 
 
 def _vertices(polygons: Sequence[Polygon]) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
@@ -197,7 +256,7 @@ def _degrees(layer: Layer, points: Array) -> Array:
     """(n, 2) coordinates of the layer's CRS -> (n, 2) longitude, latitude of WGS 84, degrees."""
     rasterio = _require_rasterio()
     try:
-        lon_lat = rasterio.warp.transform(layer.geo.crs, "EPSG:4326", points[:, 0], points[:, 1])
+        lon_lat = rasterio.warp.transform(layer.crs, "EPSG:4326", points[:, 0], points[:, 1])
         degrees = np.array(lon_lat, np.float64).T.reshape(-1, 2)
         finite = bool(np.isfinite(degrees).all())
     except Exception as error:  # GDAL's errors have no public base class
@@ -305,7 +364,7 @@ def _write(
     name: str,
     table: _Table,
     shapes: NDArray[np.object_] | None = None,
-    geo: Georeference | None = None,
+    crs: str | None = None,
     options: Mapping[str, str] | None = None,
 ) -> None:
     """One layer into a new file, or added to it; a table without `shapes`. `OSError` where the disk is full."""
@@ -324,7 +383,7 @@ def _write(
             layer=name,
             driver=driver,
             geometry_type=None if shapes is None else "Polygon",
-            crs=geo.crs if geo and geo.located else None,
+            crs=crs,
             encoding="UTF-8",
             append=path.exists(),
             dataset_options={"VERSION": GEOPACKAGE} if driver == "GPKG" else {},
