@@ -1,5 +1,6 @@
 """What every file says of a polygon beside its outline: our own members, and the properties that it was given with."""
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -43,6 +44,17 @@ def apart(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
         name[cut:] if name.startswith(PREFIX) and _taken(name[cut:], ours) else name: value
         for name, value in own.items()
     }
+
+
+def plain(value: Any) -> Any:
+    """A value of a JSON file as one that every file can hold: null for what is not finite, "?" for half a letter."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return {plain(name): plain(item) for name, item in value.items()} if isinstance(value, dict) else value
 
 
 def _taken(name: str, ours: Collection[str]) -> bool:
