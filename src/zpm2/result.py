@@ -30,6 +30,7 @@ from zpm2.io.document import (
     side_to_dict,
 )
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.layer import Layer, feature_collection
 from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
@@ -183,7 +184,7 @@ class MatchResult:
         layer = self._layer(name)
         if layer.crs is not None:
             with contextlib.suppress(InputError):  # no longitude and latitude: the run has said so
-                return gis.feature_collection(layer)
+                return feature_collection(layer)
         side: Side = getattr(self, name)
         image = side.path or name, side.width, side.height
         return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
@@ -192,10 +193,10 @@ class MatchResult:
         """What files for a GIS miss, or what to know of them: for a run's `warnings`."""
         return gis.notes([self._layer(name) for name in SIDES])
 
-    def _layer(self, name: SideName) -> gis.Layer:
+    def _layer(self, name: SideName) -> Layer:
         """One side for a GIS."""
         side: Side = getattr(self, name)
-        return gis.Layer(name, side.polygons, side.geo, counterparts(self.matches, name), side.unmatched)
+        return Layer(name, side.polygons, side.geo, counterparts(self.matches, name), side.unmatched)
 
     def _coco(self, name: SideName) -> dict[str, Any]:
         side: Side = getattr(self, name)

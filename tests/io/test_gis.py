@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io import geojson, gis
+from zpm2.io.layer import Layer, feature_collection, world_shapes
 from zpm2.model import Counterpart, Georeference, Polygon, PolygonMatch
 
 pyogrio = pytest.importorskip("pyogrio")
@@ -50,7 +51,7 @@ FIELDS = [
 
 
 def layer(geo, name="left", polygons=POLYGONS):
-    return gis.Layer(name, polygons, geo, {3: Counterpart(3, 11, 0.75)}, {8: "beyond the other photograph"})
+    return Layer(name, polygons, geo, {3: Counterpart(3, 11, 0.75)}, {8: "beyond the other photograph"})
 
 
 def utm(transform=NORTH_UP, gsd=0.1):
@@ -160,7 +161,7 @@ def test_each_layer_has_the_crs_of_its_photograph(tmp_path):
 def test_transforms(tmp_path, transform):
     geo = utm(transform)
     path = packed(tmp_path, layer(geo))
-    for shapes in (gis.world_shapes(layer(geo)), read(path, "left")[1]):
+    for shapes in (world_shapes(layer(geo)), read(path, "left")[1]):
         assert all(map(is_right_handed, shapes))
         assert shapely.area(shapes) == pytest.approx(AREAS * 0.01, rel=1e-6)
         back = shapely.transform(shapes, geo.to_image)
@@ -196,14 +197,14 @@ def test_a_local_system(tmp_path):
     assert "site" in crs
     assert shapely.area(shapes) == pytest.approx(AREAS * 0.01, rel=1e-6)
     with pytest.raises(InputError, match="left image") as caught:
-        gis.feature_collection(site)
+        feature_collection(site)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("geo", [utm(), Georeference()])
 def test_no_polygons(tmp_path, geo):
     none = layer(geo, polygons=[])
-    assert gis.world_shapes(none).shape == (0,)
+    assert world_shapes(none).shape == (0,)
     path = packed(tmp_path, none)
     for name in ("left", "right", "matches"):
         assert not read(path, name)[2]["left" if name == "matches" else "polygon_id"]
@@ -212,7 +213,7 @@ def test_no_polygons(tmp_path, geo):
     assert list(fields) == FIELDS
     if geo.located:
         assert read(path, "left")[0] == "EPSG:32632"
-        assert gis.feature_collection(none) == {"type": "FeatureCollection", "features": []}
+        assert feature_collection(none) == {"type": "FeatureCollection", "features": []}
 
 
 @pytest.mark.parametrize("transform", [NORTH_UP, SOUTH_UP, ROTATED])
@@ -222,9 +223,7 @@ def test_shapefile(tmp_path, transform):
     assert {p.suffix for p in tmp_path.iterdir()} == {".shp", ".shx", ".dbf", ".prj", ".cpg"}
     crs, shapes, fields = read(path)
     assert crs == "EPSG:32632"
-    assert shapely.equals_exact(
-        shapely.normalize(shapes), shapely.normalize(gis.world_shapes(layer(utm(transform))))
-    ).all()
+    assert shapely.equals_exact(shapely.normalize(shapes), shapely.normalize(world_shapes(layer(utm(transform))))).all()
     packed_fields = read(packed(tmp_path, layer(utm(transform))), "left")[2]
     assert list(fields) == FIELDS
     for name in FIELDS:
@@ -238,7 +237,7 @@ def test_shapefile(tmp_path, transform):
 
 def test_shapefile_of_large_areas_and_long_text(tmp_path):
     square = np.array([[0, 0], [23_000, 0], [23_000, 15_000], [0, 15_000.0]])
-    big = gis.Layer("right", [Polygon(0, square, label="ü" * 300)], utm(gsd=1 / 3), {}, {0: "x" * 300})
+    big = Layer("right", [Polygon(0, square, label="ü" * 300)], utm(gsd=1 / 3), {}, {0: "x" * 300})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fields = read(gis.write_shapefile(tmp_path, big))[2]
@@ -257,7 +256,7 @@ def test_an_earlier_shapefile_leaves_no_side_file(tmp_path):
 
 
 def test_geographic_features():
-    collection = gis.feature_collection(layer(utm(ROTATED)))
+    collection = feature_collection(layer(utm(ROTATED)))
     assert set(collection) == {"type", "features"}  # no "crs": RFC 7946 has one only
     plain = geojson.feature_collection(POLYGONS, {3: Counterpart(3, 11, 0.75)}, "left.png", 64, 48)["features"]
     for feature, other, reason in zip(
@@ -273,7 +272,7 @@ def test_geographic_features():
 @pytest.mark.parametrize("transform", [NORTH_UP, SOUTH_UP, ROTATED, MIRRORED])
 def test_geographic_coordinates(transform):
     coarse = transform * np.array([[100, 100, 1], [100, 100, 1]])  # 10 m per px: 8 decimals are nothing beside it
-    features = gis.feature_collection(layer(utm(coarse, 10.0)))["features"]
+    features = feature_collection(layer(utm(coarse, 10.0)))["features"]
     shapes = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
     assert all(map(is_right_handed, shapes))
     x_min, y_min, x_max, y_max = shapely.total_bounds(shapes)
@@ -283,7 +282,7 @@ def test_geographic_coordinates(transform):
     assert np.array_equal(vertices, np.round(vertices, 8))
     back = shapely.transform(shapes, lambda xy: np.array(warp.transform("EPSG:4326", "EPSG:32632", *xy.T)).T)
     assert shapely.area(back) == pytest.approx(AREAS * 100, rel=1e-4)
-    expected = shapely.get_coordinates(gis.world_shapes(layer(utm(coarse))))
+    expected = shapely.get_coordinates(world_shapes(layer(utm(coarse))))
     assert shapely.get_coordinates(back) == pytest.approx(expected, abs=2e-3)
 
 
@@ -291,14 +290,14 @@ def test_the_antimeridian_makes_no_jump():
     triangle = np.array([[0, 0], [4, 0], [4, 4.0]])
     polygons = [Polygon(0, triangle), Polygon(1, triangle[[1, 2, 0]]), Polygon(2, triangle + np.array([9, 0]))]
     geo = Georeference("EPSG:3832", np.array([[100, 0, 3_339_400.0], [0, -100, 0]]))  # PDC Mercator, 150 degrees east
-    features = gis.feature_collection(layer(geo, polygons=polygons))["features"]
+    features = feature_collection(layer(geo, polygons=polygons))["features"]
     lon = [np.array(f["geometry"]["coordinates"][0])[:, 0] for f in features]
     assert lon[0].min() < 180 < lon[0].max()  # begins west of it
     assert lon[1].min() < -180 < lon[1].max()  # begins east of it
     assert (np.abs(lon[2]) < 180).all()
     assert max(map(np.ptp, lon)) < 0.01
     beyond = Georeference("EPSG:4326", np.array([[1e-3, 0, 190.0], [0, -1e-3, 0]]))  # longitudes from 0 to 360
-    ring = gis.feature_collection(layer(beyond, polygons=polygons[:1]))["features"][0]["geometry"]["coordinates"][0]
+    ring = feature_collection(layer(beyond, polygons=polygons[:1]))["features"][0]["geometry"]["coordinates"][0]
     assert sorted({x for x, _ in ring}) == [-170, -169.996]
 
 
@@ -320,7 +319,7 @@ def test_placed_by_rpc(tmp_path):
     assert crs == "EPSG:4326"
     assert shapely.equals_exact(shapely.normalize(shapes), wanted, 1e-8).all()
     assert fields["area_m2"] == pytest.approx(AREAS * 0.25)
-    features = gis.feature_collection(placed)["features"]
+    features = feature_collection(placed)["features"]
     written = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
     assert shapely.equals_exact(shapely.normalize(written), wanted, 2e-8).all()
     assert read(gis.write_shapefile(tmp_path, placed))[0] == "EPSG:4326"
@@ -333,7 +332,7 @@ def test_placed_by_rpc(tmp_path):
 
 def test_rpcs_at_the_antimeridian_make_no_jump(tmp_path):
     placed = layer(by_rpc(long_off=180.0))
-    for shape in (*gis.world_shapes(placed), *read(packed(tmp_path, placed), "left")[1]):
+    for shape in (*world_shapes(placed), *read(packed(tmp_path, placed), "left")[1]):
         x0, _, x1, _ = shape.bounds
         assert x1 - x0 < 0.01
 
@@ -357,7 +356,7 @@ def test_a_system_without_longitude_and_latitude_is_noted():
 
 def test_vertices_without_longitude_and_latitude():
     with pytest.raises(InputError, match="left image"):
-        gis.feature_collection(layer(utm(NORTH_UP * 1e9)))
+        feature_collection(layer(utm(NORTH_UP * 1e9)))
 
 
 ring = st.lists(st.tuples(*[st.integers(0, 50)] * 2), min_size=3, max_size=6, unique=True)
@@ -370,7 +369,7 @@ def test_rings_stay_in_order_and_keep_their_first_vertex(rings, mirrored):
         Polygon(k, np.array(e, float), tuple(np.array(h, float) for h in holes)) for k, (e, holes) in enumerate(rings)
     ]
     geo = utm(np.array([[-1.0 if mirrored else 1.0, 0, 0], [0, -1, 0]]))
-    for polygon, shape in zip(polygons, gis.world_shapes(layer(geo, polygons=polygons)), strict=True):
+    for polygon, shape in zip(polygons, world_shapes(layer(geo, polygons=polygons)), strict=True):
         found = [shape.exterior, *shape.interiors]
         for k, (vertices, made) in enumerate(zip((polygon.exterior, *polygon.holes), found, strict=True)):
             xy = shapely.get_coordinates(made)
@@ -447,7 +446,7 @@ def test_a_geopackage_is_replaced_with_its_log(tmp_path):
 def test_missing_packages_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio.warp", None)
     with pytest.raises(MissingDependency, match=r'pip install "zpm2\[geo\]"'):
-        gis.feature_collection(layer(utm()))
+        feature_collection(layer(utm()))
     monkeypatch.setitem(sys.modules, "pyogrio.raw", None)
     with pytest.raises(MissingDependency, match=r'pip install "zpm2\[geo\]"'):
         packed(tmp_path, layer(utm()))
