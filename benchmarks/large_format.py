@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 from zpm2 import MatchResult, config
 from zpm2.config import Config
 from zpm2.evaluate.report import table
+from zpm2.geometry import mended
 from zpm2.io.source import Source, opened
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.tiled import TiledMatcher, blocks
@@ -237,7 +238,7 @@ class Check:
         if matrix is None:
             return Evidence(None, None, inliers, "too few features agree")
         matrix = _shifted(matrix, here, there, polygon.shape.buffer(0.03 * side), reduction)
-        shape = _moved(matrix, polygon.shape).buffer(0)
+        shape = mended(_moved(matrix, polygon.shape))
         extent = _moved(matrix, seen[0]).intersection(seen[1])
         if extent.intersection(shape).area < SEEN * shape.area:
             return Evidence(None, None, inliers, "out of sight")

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -258,3 +259,40 @@ def test_eight_points_fit_exact_ones(seed: int) -> None:
     truth = truth / np.linalg.norm(truth)
     assert min(np.abs(found - truth).max(), np.abs(found + truth).max()) < 1e-8
     assert abs(np.linalg.det(found)) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("ring", "area"),
+    [
+        ([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], 5.0),  # touches itself: buffer(0) keeps nothing
+        ([(1, 6), (7, 6), (3, 6), (1, 6), (0, 2), (7, 6)], 12.0),  # runs back on itself: likewise
+        ([(0, 0), (30, 30), (30, -10), (0, 20)], 400.0),  # a bow tie of 400 and 100
+        ([(3, 2), (4, 4), (1, 7), (5, 0), (2, 7)], 4.2423),  # encloses a part twice: make_valid keeps 0.7
+    ],
+)
+def test_a_crossed_ring_keeps_its_larger_piece(ring: list[tuple[int, int]], area: float) -> None:
+    for way in (ring, ring[::-1]):
+        found = geometry.mended(shapely.Polygon(way))
+        assert found.is_valid
+        assert found.area == pytest.approx(area, abs=1e-3)
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=3, max_size=9))
+@settings(max_examples=200, deadline=None)
+def test_any_ring_becomes_a_valid_polygon_of_what_it_encloses(ring: list[tuple[int, int]]) -> None:
+    shape = shapely.Polygon(ring)
+    found = geometry.mended(shape)
+    assert found.geom_type == "Polygon"
+    assert found.is_valid
+    for way in (shapely.make_valid(shape), shape.buffer(0)):
+        assert found.area >= max((piece.area for piece in geometry.polygons_in(way)), default=0.0)
+    assert found.difference(shape.convex_hull.buffer(1e-9)).area == 0
+
+
+def test_polygons_of_collections_of_collections() -> None:
+    box = shapely.box(0, 0, 3, 3)
+    inner = shapely.MultiPolygon([box, shapely.box(5, 5, 6, 6)])
+    both = shapely.GeometryCollection([shapely.Point(0, 0), inner, shapely.LineString([(0, 0), (1, 1)])])
+    assert [part.area for part in geometry.polygons_in(both)] == [9, 1]
+    assert geometry.largest(both).equals(box)
+    assert geometry.largest(shapely.Point(0, 0)).is_empty

@@ -63,7 +63,11 @@ def test_round_trip(result: MatchResult, tmp_path: Path) -> None:
         assert loaded.to_dict() == result.to_dict()
         assert loaded.to_geojson() == result.to_geojson()
     assert isinstance(loaded.homography, Failed)
-    assert loaded.homography.reason == "the run found no homography"
+    assert loaded.homography.reason == "only 2 homologous points"
+    document = {name: value for name, value in result.to_dict().items() if name != "failed"}  # of an older version
+    (tmp_path / "older.json").write_text(json.dumps(document))
+    older = MatchResult.load(tmp_path / "older.json")
+    assert older.homography == Failed("the run found no homography")
     assert np.array_equal(loaded.fundamental, result.fundamental)  # type: ignore[arg-type]
     assert loaded.left.polygons[0].area == 400 - shoelace(result.left.polygons[0].holes[0])
     assert np.array_equal(loaded.matches[0].nodes, [[0, 1], [2, 3]])
@@ -193,7 +197,8 @@ def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
 def test_a_missing_member_is_named(tmp_path: Path) -> None:
     members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
     optional = {"label", "area", "nodes", "overlap", "non_overlapping", "outline", "crs", "transform", "gsd", "rpc"}
-    missed = [p for p in members if p[-1] not in optional and not (p[0] == "matches" and p[-1] == "id")]
+    optional |= {"failed", "source_id", "properties"}
+    missed = [p for p in members if not optional & set(p) and not (p[0] == "matches" and p[-1] == "id")]
     assert len(missed) > 40
     for place in missed:
         with pytest.raises(InputError, match=rf"'?{place[-1]}'?|zpm2-matches"):
@@ -276,6 +281,48 @@ def test_flatten_leaves_out_matches_that_keep_too_little() -> None:
     for config in ({}, {"segment": 3}, {"segment": {"min_area": None}}):
         usual = dataclasses.replace(before, config=config).flatten()
         assert [match.left for match in usual.matches] == [1, 2, 4, 8]
+
+
+def test_a_least_area_of_nothing_is_not_the_usual_one() -> None:
+    """Of the lower match 60 px stay: enough where the run asked for no least area, too little for the default."""
+    rings = {1: (10, 10, 30, 30), 2: (10, 10, 30, 33)}
+    polygons = [Polygon(k, np.array([[a, b], [c, b], [c, d], [a, d]], np.float64)) for k, (a, b, c, d) in rings.items()]
+    matches = [PolygonMatch(k, k, 1 / k, 1.0, 0, "global", 1.0) for k in rings]
+    before = dataclasses.replace(
+        overlapping(), left=Side(100, 60, polygons), right=Side(100, 60, polygons), matches=matches
+    )
+    for config, kept in (({"segment": {"min_area": 0}}, [1, 2]), ({"segment": {"min_area": 0.0}}, [1, 2]), ({}, [1])):
+        assert [m.left for m in dataclasses.replace(before, config=config).flatten().matches] == kept
+
+
+def test_every_file_names_a_match_by_one_id(result: MatchResult, tmp_path: Path) -> None:
+    """`PolygonMatch.id` beside the partner's polygon id, and why there is none, in every format."""
+    pyogrio = pytest.importorskip("pyogrio")
+    result = dataclasses.replace(
+        result,
+        left=dataclasses.replace(result.left, unmatched={5: "occluded"}),
+        right=dataclasses.replace(result.right, polygons=[*result.right.polygons, square(4, 20)]),
+    )
+    folder = result.save(tmp_path / "out", ["gpkg", "shapefile", "coco"])
+    for name, other in (("left", "right"), ("right", "left")):
+        expected = {getattr(m, name): (getattr(m, other), m.id) for m in result.matches}
+        side: Side = getattr(result, name)
+        assert 0 < len(expected) < len(side.polygons)
+        rows = {p.id: (*expected.get(p.id, (None, None)), side.unmatched.get(p.id)) for p in side.polygons}
+        members = "match", "match_id", "unmatched"
+        features = json.loads((folder / f"{name}.geojson").read_text())["features"]
+        assert {f["id"]: tuple(f["properties"][m] for m in members) for f in features} == rows
+        annotations = json.loads((folder / f"{name}.coco.json").read_text())["annotations"]
+        assert {a["polygon_id"]: tuple(a[m] for m in members) for a in annotations} == rows
+        for path, layer in ((folder / "matches.gpkg", name), (folder / f"{name}.shp", None)):
+            meta, _, _, columns = pyogrio.raw.read(path, layer=layer)
+            table = dict(zip(meta["fields"].tolist(), columns, strict=True))
+            read = zip(*(table[m].tolist() for m in ("polygon_id", *members)), strict=True)
+            found = {id: tuple(None if v != v else v for v in row) for id, *row in read}
+            assert found == rows
+    meta, _, _, columns = pyogrio.raw.read(folder / "matches.gpkg", layer="matches")
+    table = dict(zip(meta["fields"].tolist(), columns, strict=True))
+    assert table["match_id"].tolist() == [m.id for m in result.matches]
 
 
 def test_outlines_go_to_the_file_and_back(tmp_path: Path) -> None:

@@ -155,20 +155,21 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
 
     from zpm2.io import geojson
     from zpm2.io.files import atomic_write, output_folder
+    from zpm2.model import counterparts
     from zpm2.pose.rectify import rectify
+    from zpm2.result import SIDES
 
     pair = rectify(found, images, matched.matched_polygons())
     if isinstance(pair, Failed):
         print(f"warning: not rectified: {pair}", file=sys.stderr)
         return []
     folder = output_folder(out / "rectified")
-    partners = {"left": {m.left: (m.right, m.confidence) for m in matched.matches}}
-    partners["right"] = {m.right: (m.left, m.confidence) for m in matched.matches}
-    for name, side in (("left", pair.left), ("right", pair.right)):
+    for name, side in zip(SIDES, (pair.left, pair.right), strict=True):
         picture = cv2.cvtColor(side.image.rgb, cv2.COLOR_RGB2BGR)
         atomic_write(folder / f"{name}.png", cv2.imencode(".png", picture)[1].tobytes())
         size = side.camera.size
-        collection = geojson.feature_collection(side.polygons, partners[name], f"{name}.png", size[0], size[1])
+        partners = counterparts(matched.matches, name)
+        collection = geojson.feature_collection(side.polygons, partners, f"{name}.png", size[0], size[1])
         geojson.write(folder / f"{name}.geojson", collection)
     atomic_write(folder / "rectification.json", json.dumps(pair.to_dict()))
     return [str(folder)]

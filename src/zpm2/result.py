@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -30,15 +30,19 @@ from zpm2.io.document import (
     side_to_dict,
 )
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.layer import Layer, feature_collection
 from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
-from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side, counterparts
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay
 
+SideName = Literal["left", "right"]
+SIDES: tuple[SideName, SideName] = ("left", "right")
 SCHEMA = "zpm2-matches/1"
+ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
 SHEET = 100  # matches on a contact sheet
 CROP = 300  # px, the longest side at which a crop of it is read
@@ -164,36 +168,41 @@ class MatchResult:
             "points": points_to_dict(self.points),
             "fundamental": matrix_to_list(self.fundamental),
             "homography": matrix_to_list(self.homography),
+            "failed": {name: str(m) for name in ESTIMATES if isinstance(m := getattr(self, name), Failed)},
             "non_overlapping": self.non_overlapping,
             "matches": [match_to_dict(match) for match in self.matches],
             "warnings": list(self.warnings),
         }
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
-        """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids: of a located
-        photograph in longitude and latitude (RFC 7946), of others, or where its reference system has none, in image px
-        and marked so."""
-        return {name: self._side_geojson(name) for name in ("left", "right")}
+        """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids: of a
+        photograph that its file places on the ground, in longitude and latitude (RFC 7946), of others, or where its
+        reference system has none, in image px and marked so."""
+        return {name: self._side_geojson(name) for name in SIDES}
 
-    def _side_geojson(self, name: str) -> dict[str, Any]:
+    def _side_geojson(self, name: SideName) -> dict[str, Any]:
         layer = self._layer(name)
-        if layer.geo.located:
+        if layer.crs is not None:
             with contextlib.suppress(InputError):  # no longitude and latitude: the run has said so
-                return gis.feature_collection(layer)
+                return feature_collection(layer)
         side: Side = getattr(self, name)
-        return geojson.feature_collection(side.polygons, layer.match_of, side.path or name, side.width, side.height)
+        image = side.path or name, side.width, side.height
+        return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
 
-    def _layer(self, name: str) -> gis.Layer:
+    def gis_notes(self) -> list[str]:
+        """What files for a GIS miss, or what to know of them: for a run's `warnings`."""
+        return gis.notes([self._layer(name) for name in SIDES])
+
+    def _layer(self, name: SideName) -> Layer:
         """One side for a GIS."""
         side: Side = getattr(self, name)
-        other = "right" if name == "left" else "left"
-        partners = {getattr(m, name): (getattr(m, other), m.confidence) for m in self.matches}
-        return gis.Layer(name, side.polygons, side.geo, partners, side.unmatched)
+        return Layer(name, side.polygons, side.geo, counterparts(self.matches, name), side.unmatched)
 
-    def _coco(self, name: str) -> dict[str, Any]:
+    def _coco(self, name: SideName) -> dict[str, Any]:
         side: Side = getattr(self, name)
         masks = (rasterize(polygon.shape) for polygon in side.polygons)
-        return coco(side.polygons, masks, self._layer(name).match_of, side.path or name, side.width, side.height)
+        image = side.path or name, side.width, side.height
+        return coco(side.polygons, masks, counterparts(self.matches, name), *image, side.unmatched)
 
     def plot(self, max_width: int = 2400) -> PIL.Image.Image:
         """Both images with matched polygons in the same colour and the same number; unmatched ones thin.
@@ -227,11 +236,11 @@ class MatchResult:
     def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
         """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
 
-        Where a photograph is located, matches.gpkg comes with them if pyogrio is installed; of large photographs a
-        contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp), "coco"
-        (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last: where it
-        is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format without its
-        package, and `InputError` as from `plot`.
+        Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
+        photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
+        "coco" (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last:
+        where it is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format
+        without its package, and `InputError` as from `plot`.
         """
         pictures = {"overlay": self.plot()}
         if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
@@ -240,13 +249,13 @@ class MatchResult:
         for name, collection in self.to_geojson().items():
             geojson.write(folder / f"{name}.geojson", collection)
         layers = self._layer("left"), self._layer("right")
-        if "gpkg" in formats or (gis.has_pyogrio() and any(layer.geo.located for layer in layers)):
+        if "gpkg" in formats or (gis.has_pyogrio() and any(layer.crs is not None for layer in layers)):
             gis.write_geopackage(folder / "matches.gpkg", *layers, self.matches)
         if "shapefile" in formats:
             for layer in layers:
                 gis.write_shapefile(folder, layer)
         if "coco" in formats:
-            for name in ("left", "right"):
+            for name in SIDES:
                 atomic_write(folder / f"{name}.coco.json", json.dumps(self._coco(name)))
         for name, picture in pictures.items():
             pixels = cv2.cvtColor(np.asarray(picture), cv2.COLOR_RGB2BGR)
@@ -293,13 +302,18 @@ def _with_polygons(side: Side, polygons: Sequence[Polygon], lost: Sequence[int])
 
 
 def _from_dict(document: Mapping[str, Any]) -> MatchResult:
+    reasons = document.get("failed", {})
+    fundamental, homography = (
+        matrix_from_list(document[name], str(reasons.get(name, f"the run found no {what}")))
+        for name, what in ESTIMATES.items()
+    )
     return MatchResult(
         left=side_from_dict(document["left"]),
         right=side_from_dict(document["right"]),
         matches=[match_from_dict(match) for match in document["matches"]],
         points=points_from_dict(document["points"]),
-        fundamental=matrix_from_list(document["fundamental"], "fundamental matrix"),
-        homography=matrix_from_list(document["homography"], "homography"),
+        fundamental=fundamental,
+        homography=homography,
         config=dict(document["config"]),
         timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
@@ -313,7 +327,7 @@ def _option(config: Mapping[str, Any], stage: str, name: str) -> float:
     values = config.get(stage)
     value = values.get(name) if isinstance(values, Mapping) else None
     usual: float = getattr(getattr(Config(), stage), name)
-    return value if isinstance(value, int | float) and value > 0 else usual
+    return value if isinstance(value, int | float) else usual
 
 
 def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | None = None) -> Image:

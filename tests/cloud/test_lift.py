@@ -6,7 +6,7 @@ import shapely
 from meshes import distance_to, grid, sphere
 
 from zpm2.cloud import Surface
-from zpm2.cloud.lift import Lifted, lift
+from zpm2.cloud.lift import Lifted, Ring, lift, outline_in
 from zpm2.cloud.rays import EveryTriangle
 from zpm2.cloud.shrink import Shrinker, densified, rings_of
 from zpm2.config import CloudConfig
@@ -139,3 +139,13 @@ def test_densified() -> None:
         assert np.linalg.norm(ring - corner, axis=1).min() == 0
     assert shapely.distance(shapely.points(ring), shapely.LinearRing(SQUARE)).max() < 1e-9
     assert len(rings_of(shapely.Polygon())) == 0
+
+
+def test_a_boundary_that_touches_itself_in_a_view_keeps_its_larger_part() -> None:
+    corners = np.array([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], float) / 10
+    surface = grid(12)
+    for way in (corners, corners[::-1]):
+        ring = Ring(np.c_[way, np.zeros(len(way))] - surface.origin, np.zeros(len(way), np.int64))
+        found = outline_in([ring], above(2.0), surface)
+        assert found.is_valid
+        assert found.area == pytest.approx(0.05 * (500 / 2.0) ** 2)

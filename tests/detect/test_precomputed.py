@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from zpm2.config import VectorizeConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter, _decode, _run_lengths
+from zpm2.detect.annotations import decode
+from zpm2.detect.annotations import run_lengths as uncompressed
+from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.protocol import PolygonSource
 from zpm2.detect.vectorize import vectorize, with_parents
 from zpm2.errors import InputError
@@ -157,8 +159,8 @@ def test_compressed_run_lengths_are_those_of_pycocotools(bits, thickness):
     bits[:, 5 : 5 + thickness] = True
     packed = rle.encode(np.asfortranarray(bits.astype(np.uint8)))
     packed["counts"] = packed["counts"].decode()
-    assert _run_lengths(packed["counts"], "x") == run_lengths(bits)["counts"]
-    assert np.array_equal(_decode(packed, "x", IMAGE), bits)
+    assert uncompressed(packed["counts"], "x") == run_lengths(bits)["counts"]
+    assert np.array_equal(decode(packed, "x", IMAGE), bits)
 
 
 def test_a_known_compressed_rle(tmp_path):

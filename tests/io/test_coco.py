@@ -10,7 +10,7 @@ from pycocotools import mask as cocotools
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.vectorize import from_shape, rasterize, trace
 from zpm2.io.coco import coco, compressed, run_lengths
-from zpm2.model import Image, Mask, Polygon
+from zpm2.model import Counterpart, Image, Mask, Polygon
 
 pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # inside pycocotools
 
@@ -97,15 +97,19 @@ def test_what_lies_beyond_the_image_is_cut_off():
 
 def test_members():
     polygons = [Polygon(7, SQUARE, (), 0.5, None, "roof"), Polygon(9, SQUARE), Polygon(11, SQUARE, label="roof")]
-    data = coco(polygons, map(rasterize, [p.shape for p in polygons]), {7: (3, 0.25)}, "left.png", 10, 8)
+    data = coco(polygons, map(rasterize, [p.shape for p in polygons]), {7: Counterpart(7, 3, 0.25)}, "left.png", 10, 8)
     assert data["images"] == [{"id": 1, "file_name": "left.png", "width": 10, "height": 8}]
     assert data["categories"] == [{"id": 1, "name": "region"}, {"id": 2, "name": "roof"}]
-    assert [(a["id"], a["category_id"], a["score"]) for a in data["annotations"]] == [
-        (7, 2, 0.5),
-        (9, 1, 1),
-        (11, 2, 1),
+    assert [(a["id"], a["polygon_id"], a["category_id"], a["score"]) for a in data["annotations"]] == [
+        (1, 7, 2, 0.5),
+        (2, 9, 1, 1),
+        (3, 11, 2, 1),
     ]
-    assert [(a["match"], a["confidence"]) for a in data["annotations"]] == [(3, 0.25), (None, None), (None, None)]
+    assert [(a["match"], a["match_id"], a["confidence"]) for a in data["annotations"]] == [
+        (3, 7, 0.25),
+        (None, None, None),
+        (None, None, None),
+    ]
     assert all(a["image_id"] == 1 and a["iscrowd"] == 0 for a in data["annotations"])
     assert json.loads(json.dumps(data)) == data  # plain numbers throughout
     assert coco([], [], None, "a.png", 5, 5)["annotations"] == []

@@ -7,7 +7,7 @@ import shapely
 from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, OutputError
 from zpm2.io import geojson
-from zpm2.model import Polygon
+from zpm2.model import Counterpart, Polygon
 
 frame = shapely.Polygon(
     [(1 / 3, 2), (40, 2.25), (41, 30), (2, 31)], [[(10, 10), (20, 10), (20, 20)], [(5, 20), (8, 20), (8, 25)]]
@@ -23,7 +23,7 @@ def collection(match_of=None):
 
 
 def test_properties_and_matches():
-    first, second = collection({3: (11, 0.75)})["features"]
+    first, second = collection({3: Counterpart(3, 11, 0.75)})["features"]
     assert first["id"] == 3
     assert first["properties"] == {
         "area": POLYGONS[0].area,
@@ -31,7 +31,9 @@ def test_properties_and_matches():
         "parent": None,
         "label": "Dach, grün",
         "match": 11,
+        "match_id": 3,
         "confidence": 0.75,
+        "unmatched": None,
     }
     assert (second["properties"]["match"], second["properties"]["confidence"]) == (None, None)
     assert second["properties"]["parent"] == 3

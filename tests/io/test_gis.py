@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import sqlite3
 import sys
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io import geojson, gis
-from zpm2.model import Georeference, Polygon, PolygonMatch
+from zpm2.io.layer import Layer, feature_collection, world_shapes
+from zpm2.model import Counterpart, Georeference, Polygon, PolygonMatch
 
 pyogrio = pytest.importorskip("pyogrio")
 warp = pytest.importorskip("rasterio.warp")
@@ -34,11 +36,22 @@ POLYGONS = [
 SHAPES = np.array([p.shape for p in POLYGONS], object)
 AREAS = shapely.area(SHAPES)
 MATCHES = [PolygonMatch(3, 11, 0.75, 0.2, 9, "global", 0.8), PolygonMatch(8, 12, 0.5, 0.4, 0, "guided")]
-FIELDS = ["polygon_id", "area_px", "area_m2", "score", "parent", "label", "match", "confidence", "unmatched"]
+FIELDS = [
+    "polygon_id",
+    "area_px",
+    "area_m2",
+    "score",
+    "parent",
+    "label",
+    "match",
+    "match_id",
+    "confidence",
+    "unmatched",
+]
 
 
 def layer(geo, name="left", polygons=POLYGONS):
-    return gis.Layer(name, polygons, geo, {3: (11, 0.75)}, {8: "beyond the other photograph"})
+    return Layer(name, polygons, geo, {3: Counterpart(3, 11, 0.75)}, {8: "beyond the other photograph"})
 
 
 def utm(transform=NORTH_UP, gsd=0.1):
@@ -75,8 +88,50 @@ def test_geopackage_fields(tmp_path):
     assert fields["parent"] == [None, 3, None]
     assert fields["label"] == ["Dach, grün", None, None]
     assert fields["match"] == [11, None, None]
+    assert fields["match_id"] == [3, None, None]
     assert fields["confidence"] == [0.75, None, None]
     assert fields["unmatched"] == [None, "beyond the other photograph", None]
+
+
+GIVEN = [
+    {"name": "Hof", "storeys": 3, "Area_px": 12, "fid": 1, "flat": True, "share": 1, "tags": ["a", "ü"]},
+    {"name": None, "storeys": None, "Area_px": 7, "fid": 1, "flat": False, "share": 0.5, "tags": "none", "big": 2**70},
+    {"Name": 5, "a name longer than ten": 1},
+]
+
+
+@pytest.mark.parametrize("form", ["gpkg", "shp"])
+def test_ids_and_properties_of_given_regions(tmp_path, form):
+    """One column each, null where a region has none; names that are ours get a prefix."""
+    polygons = [
+        dataclasses.replace(polygon, source_id=f"way/{k}", properties=given)
+        for k, (polygon, given) in enumerate(zip(POLYGONS, GIVEN, strict=True))
+    ]
+    given = layer(utm(), polygons=polygons)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = packed(tmp_path, given) if form == "gpkg" else gis.write_shapefile(tmp_path, given)
+    fields = read(path, "left")[2]
+    assert [name for name in fields if name in FIELDS] == FIELDS
+    assert fields["polygon_id"] == [3, 8, 2**53 - 1]
+    assert fields["source_id"] == ["way/0", "way/1", "way/2"]
+    assert fields["name"] == ["Hof", None, None]
+    assert fields["storeys"] == [3, None, None]
+    assert fields["share"] == [1, 0.5, None]
+    assert fields["tags"] == ['["a", "ü"]', "none", None]
+    assert fields["big"] == [None, str(2**70), None]
+    if form == "gpkg":
+        assert fields["flat"] == [True, False, None]
+        assert fields["source_Area_px"] == [12, 7, None]
+        assert fields["source_fid"] == [1, 1, None]
+        assert fields["source_Name"] == [None, None, 5]
+        assert fields["a name longer than ten"] == [None, None, 1]
+    else:
+        assert len(fields) == len(FIELDS) + 1 + len({name for row in GIVEN for name in row})
+
+
+def test_no_regions_were_given_no_column_says_so(tmp_path):
+    assert "source_id" not in read(packed(tmp_path, layer(utm())), "left")[2]
 
 
 def test_geopackage_matches_join_by_id(tmp_path):
@@ -84,7 +139,7 @@ def test_geopackage_matches_join_by_id(tmp_path):
     crs, shapes, fields = read(path, "matches")
     assert crs is None
     assert shapes is None
-    assert fields == {
+    assert fields == {"match_id": [3, 8]} | {
         name: [getattr(m, name) for m in MATCHES]
         for name in ("left", "right", "confidence", "cost", "dsf", "stage", "overlap")
     }
@@ -106,7 +161,7 @@ def test_each_layer_has_the_crs_of_its_photograph(tmp_path):
 def test_transforms(tmp_path, transform):
     geo = utm(transform)
     path = packed(tmp_path, layer(geo))
-    for shapes in (gis.world_shapes(layer(geo)), read(path, "left")[1]):
+    for shapes in (world_shapes(layer(geo)), read(path, "left")[1]):
         assert all(map(is_right_handed, shapes))
         assert shapely.area(shapes) == pytest.approx(AREAS * 0.01, rel=1e-6)
         back = shapely.transform(shapes, geo.to_image)
@@ -142,14 +197,14 @@ def test_a_local_system(tmp_path):
     assert "site" in crs
     assert shapely.area(shapes) == pytest.approx(AREAS * 0.01, rel=1e-6)
     with pytest.raises(InputError, match="left image") as caught:
-        gis.feature_collection(site)
+        feature_collection(site)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("geo", [utm(), Georeference()])
 def test_no_polygons(tmp_path, geo):
     none = layer(geo, polygons=[])
-    assert gis.world_shapes(none).shape == (0,)
+    assert world_shapes(none).shape == (0,)
     path = packed(tmp_path, none)
     for name in ("left", "right", "matches"):
         assert not read(path, name)[2]["left" if name == "matches" else "polygon_id"]
@@ -158,7 +213,7 @@ def test_no_polygons(tmp_path, geo):
     assert list(fields) == FIELDS
     if geo.located:
         assert read(path, "left")[0] == "EPSG:32632"
-        assert gis.feature_collection(none) == {"type": "FeatureCollection", "features": []}
+        assert feature_collection(none) == {"type": "FeatureCollection", "features": []}
 
 
 @pytest.mark.parametrize("transform", [NORTH_UP, SOUTH_UP, ROTATED])
@@ -168,9 +223,7 @@ def test_shapefile(tmp_path, transform):
     assert {p.suffix for p in tmp_path.iterdir()} == {".shp", ".shx", ".dbf", ".prj", ".cpg"}
     crs, shapes, fields = read(path)
     assert crs == "EPSG:32632"
-    assert shapely.equals_exact(
-        shapely.normalize(shapes), shapely.normalize(gis.world_shapes(layer(utm(transform))))
-    ).all()
+    assert shapely.equals_exact(shapely.normalize(shapes), shapely.normalize(world_shapes(layer(utm(transform))))).all()
     packed_fields = read(packed(tmp_path, layer(utm(transform))), "left")[2]
     assert list(fields) == FIELDS
     for name in FIELDS:
@@ -184,7 +237,7 @@ def test_shapefile(tmp_path, transform):
 
 def test_shapefile_of_large_areas_and_long_text(tmp_path):
     square = np.array([[0, 0], [23_000, 0], [23_000, 15_000], [0, 15_000.0]])
-    big = gis.Layer("right", [Polygon(0, square, label="ü" * 300)], utm(gsd=1 / 3), {}, {0: "x" * 300})
+    big = Layer("right", [Polygon(0, square, label="ü" * 300)], utm(gsd=1 / 3), {}, {0: "x" * 300})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fields = read(gis.write_shapefile(tmp_path, big))[2]
@@ -203,9 +256,9 @@ def test_an_earlier_shapefile_leaves_no_side_file(tmp_path):
 
 
 def test_geographic_features():
-    collection = gis.feature_collection(layer(utm(ROTATED)))
+    collection = feature_collection(layer(utm(ROTATED)))
     assert set(collection) == {"type", "features"}  # no "crs": RFC 7946 has one only
-    plain = geojson.feature_collection(POLYGONS, {3: (11, 0.75)}, "left.png", 64, 48)["features"]
+    plain = geojson.feature_collection(POLYGONS, {3: Counterpart(3, 11, 0.75)}, "left.png", 64, 48)["features"]
     for feature, other, reason in zip(
         collection["features"], plain, [None, "beyond the other photograph", None], strict=True
     ):
@@ -219,7 +272,7 @@ def test_geographic_features():
 @pytest.mark.parametrize("transform", [NORTH_UP, SOUTH_UP, ROTATED, MIRRORED])
 def test_geographic_coordinates(transform):
     coarse = transform * np.array([[100, 100, 1], [100, 100, 1]])  # 10 m per px: 8 decimals are nothing beside it
-    features = gis.feature_collection(layer(utm(coarse, 10.0)))["features"]
+    features = feature_collection(layer(utm(coarse, 10.0)))["features"]
     shapes = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
     assert all(map(is_right_handed, shapes))
     x_min, y_min, x_max, y_max = shapely.total_bounds(shapes)
@@ -229,7 +282,7 @@ def test_geographic_coordinates(transform):
     assert np.array_equal(vertices, np.round(vertices, 8))
     back = shapely.transform(shapes, lambda xy: np.array(warp.transform("EPSG:4326", "EPSG:32632", *xy.T)).T)
     assert shapely.area(back) == pytest.approx(AREAS * 100, rel=1e-4)
-    expected = shapely.get_coordinates(gis.world_shapes(layer(utm(coarse))))
+    expected = shapely.get_coordinates(world_shapes(layer(utm(coarse))))
     assert shapely.get_coordinates(back) == pytest.approx(expected, abs=2e-3)
 
 
@@ -237,20 +290,73 @@ def test_the_antimeridian_makes_no_jump():
     triangle = np.array([[0, 0], [4, 0], [4, 4.0]])
     polygons = [Polygon(0, triangle), Polygon(1, triangle[[1, 2, 0]]), Polygon(2, triangle + np.array([9, 0]))]
     geo = Georeference("EPSG:3832", np.array([[100, 0, 3_339_400.0], [0, -100, 0]]))  # PDC Mercator, 150 degrees east
-    features = gis.feature_collection(layer(geo, polygons=polygons))["features"]
+    features = feature_collection(layer(geo, polygons=polygons))["features"]
     lon = [np.array(f["geometry"]["coordinates"][0])[:, 0] for f in features]
     assert lon[0].min() < 180 < lon[0].max()  # begins west of it
     assert lon[1].min() < -180 < lon[1].max()  # begins east of it
     assert (np.abs(lon[2]) < 180).all()
     assert max(map(np.ptp, lon)) < 0.01
     beyond = Georeference("EPSG:4326", np.array([[1e-3, 0, 190.0], [0, -1e-3, 0]]))  # longitudes from 0 to 360
-    ring = gis.feature_collection(layer(beyond, polygons=polygons[:1]))["features"][0]["geometry"]["coordinates"][0]
+    ring = feature_collection(layer(beyond, polygons=polygons[:1]))["features"][0]["geometry"]["coordinates"][0]
     assert sorted({x for x, _ in ring}) == [-170, -169.996]
+
+
+def by_rpc(**changes):
+    """A degree a px, south up, from 12 east and 40 north on; believed within 60 px and more around the 30th."""
+    unit, east, north = [1.0] + [0.0] * 19, [0.0, 1.0] + [0.0] * 18, [0.0, 0.0, 1.0] + [0.0] * 17
+    offsets = {"line_off": 29.5, "samp_off": 29.5, "line_scale": 30.0, "samp_scale": 30.0, "height_off": 321.0}
+    ground = {"lat_off": 40.003, "long_off": 12.003, "lat_scale": 3e-3, "long_scale": 3e-3, "height_scale": 100.0}
+    terms = {"line_num_coeff": north, "line_den_coeff": unit, "samp_num_coeff": east, "samp_den_coeff": unit}
+    return Georeference(gsd=0.5, rpc={**offsets, **ground, **terms, "err_bias": None, "err_rand": None, **changes})
+
+
+def test_placed_by_rpc(tmp_path):
+    """In longitude and latitude at their mean height, and that is said."""
+    placed = layer(by_rpc())
+    assert (placed.crs, placed.by_rpc) == ("EPSG:4326", True)
+    wanted = shapely.normalize(shapely.transform(SHAPES, lambda xy: xy * 1e-4 + [12, 40]))
+    crs, shapes, fields = read(packed(tmp_path, placed), "left")
+    assert crs == "EPSG:4326"
+    assert shapely.equals_exact(shapely.normalize(shapes), wanted, 1e-8).all()
+    assert fields["area_m2"] == pytest.approx(AREAS * 0.25)
+    features = feature_collection(placed)["features"]
+    written = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
+    assert shapely.equals_exact(shapely.normalize(written), wanted, 2e-8).all()
+    assert read(gis.write_shapefile(tmp_path, placed))[0] == "EPSG:4326"
+    (note,) = gis.notes([placed])
+    assert note.startswith(
+        "left image: files for a GIS are in longitude and latitude at the mean height of its RPC, 321 m"
+    )
+    assert gis.notes([layer(Georeference()), layer(utm(), "right")]) == []
+
+
+def test_rpcs_at_the_antimeridian_make_no_jump(tmp_path):
+    placed = layer(by_rpc(long_off=180.0))
+    for shape in (*world_shapes(placed), *read(packed(tmp_path, placed), "left")[1]):
+        x0, _, x1, _ = shape.bounds
+        assert x1 - x0 < 0.01
+
+
+@pytest.mark.parametrize("rpc", [{"samp_scale": 5.0}, {"line_den_coeff": [1.0]}, {"unknown": 1}])
+def test_rpcs_that_do_not_reach_the_polygons_leave_them_in_pixels(tmp_path, rpc):
+    placed = layer(by_rpc(**rpc))
+    assert placed.crs is None
+    crs, shapes, _ = read(packed(tmp_path, placed), "left")
+    assert "EPSG" not in str(crs)
+    assert shapely.equals(shapes, shapely.transform(SHAPES, lambda xy: xy * (1, -1))).all()
+    assert gis.notes([placed]) == [
+        "left image: its RPC does not reach all of its polygons: files for a GIS are in image px"
+    ]
+
+
+def test_a_system_without_longitude_and_latitude_is_noted():
+    (note,) = gis.notes([layer(Georeference(SITE, NORTH_UP, 0.1))])
+    assert note == "left image: its reference system has no longitude and latitude: left.geojson is in image px"
 
 
 def test_vertices_without_longitude_and_latitude():
     with pytest.raises(InputError, match="left image"):
-        gis.feature_collection(layer(utm(NORTH_UP * 1e9)))
+        feature_collection(layer(utm(NORTH_UP * 1e9)))
 
 
 ring = st.lists(st.tuples(*[st.integers(0, 50)] * 2), min_size=3, max_size=6, unique=True)
@@ -263,7 +369,7 @@ def test_rings_stay_in_order_and_keep_their_first_vertex(rings, mirrored):
         Polygon(k, np.array(e, float), tuple(np.array(h, float) for h in holes)) for k, (e, holes) in enumerate(rings)
     ]
     geo = utm(np.array([[-1.0 if mirrored else 1.0, 0, 0], [0, -1, 0]]))
-    for polygon, shape in zip(polygons, gis.world_shapes(layer(geo, polygons=polygons)), strict=True):
+    for polygon, shape in zip(polygons, world_shapes(layer(geo, polygons=polygons)), strict=True):
         found = [shape.exterior, *shape.interiors]
         for k, (vertices, made) in enumerate(zip((polygon.exterior, *polygon.holes), found, strict=True)):
             xy = shapely.get_coordinates(made)
@@ -340,7 +446,7 @@ def test_a_geopackage_is_replaced_with_its_log(tmp_path):
 def test_missing_packages_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rasterio.warp", None)
     with pytest.raises(MissingDependency, match=r'pip install "zpm2\[geo\]"'):
-        gis.feature_collection(layer(utm()))
+        feature_collection(layer(utm()))
     monkeypatch.setitem(sys.modules, "pyogrio.raw", None)
     with pytest.raises(MissingDependency, match=r'pip install "zpm2\[geo\]"'):
         packed(tmp_path, layer(utm()))

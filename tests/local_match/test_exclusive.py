@@ -287,12 +287,14 @@ def test_a_small_match_that_nobody_touches_stays():
 
 def test_polygons_between_the_pixels():
     """Pixels belong by their centres; what has none goes."""
-    slanted = Polygon(0, np.array([[0.2, 0.3], [9.7, 0.6], [9.2, 7.9], [0.4, 7.2]]), score=0.7, parent=4, label="roof")
+    slanted = Polygon(
+        0, np.array([[0.2, 0.3], [9.7, 0.6], [9.2, 7.9], [0.4, 7.2]]), score=0.7, parent=4, label="roof", source_id="a"
+    )
     sliver = Polygon(1, np.array([[12.6, 0], [12.9, 0], [12.9, 9], [12.6, 9]]))
     kept = flatten(both(slanted, sliver), [0.9, 0.9])
     assert kept[1] is None
     found = kept[0][0]
-    assert (found.score, found.parent, found.label) == (0.7, 4, "roof")
+    assert (found.score, found.parent, found.label, found.source_id) == (0.7, 4, "roof", "a")
     assert pixels(found) == pixels(slanted)
     assert found.area == len(pixels(slanted))
 

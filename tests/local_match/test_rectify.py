@@ -186,3 +186,11 @@ def test_overlaps():
         ]
     )
     assert overlaps(first, second) == pytest.approx([1, 1 / 3, 0, 0, 0])
+
+
+def test_a_shape_whose_rings_cross_keeps_its_larger_part():
+    touching = np.array([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], float)
+    for ring in (touching, touching[::-1]):
+        (found,) = rectified_shapes(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
+        assert found.is_valid
+        assert found.area == pytest.approx(5 * 2 * 3)

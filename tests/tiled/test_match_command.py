@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 import pytest
+import shapely
 from rendered import Pair, Run
 
 from zpm2 import MatchResult
@@ -14,17 +15,42 @@ from zpm2 import MatchResult
 rasterio = pytest.importorskip("rasterio", reason="extra geo is not installed")
 pyogrio = pytest.importorskip("pyogrio", reason="extra geo is not installed")
 
+from rasterio.rpc import RPC  # noqa: E402
+
 GSD = 0.5  # m per px
 UTM = rasterio.Affine(GSD, 0, 500_000, 0, -GSD, 5_000_000)
 TURNED = rasterio.Affine(0, GSD, 500_000, GSD, 0, 5_000_000)  # turned and mirrored: x goes north, y east
 
 
-def geotiff(path: Path, picture: Path, crs: str | None, transform: Any) -> Path:
+def geotiff(path: Path, picture: Path, crs: str | None, transform: Any, rpcs: Any = None) -> Path:
     pixels = np.asarray(PIL.Image.open(picture))
     profile = {"driver": "GTiff", "dtype": "uint8", "count": 3, "width": pixels.shape[1], "height": pixels.shape[0]}
     with rasterio.open(path, "w", crs=crs, transform=transform, **profile) as file:
         file.write(pixels.transpose(2, 0, 1))
+        if rpcs is not None:
+            file.rpcs = rpcs
     return path
+
+
+def rational(width: int, height: int) -> RPC:
+    """RPCs that are an affine map: half a metre a px at the equator, 30 degrees east, 200 m high, north up."""
+    unit, east, north = [1.0] + [0.0] * 19, [0.0, 1.0] + [0.0] * 18, [0.0, 0.0, -1.0] + [0.0] * 17
+    return RPC(
+        height_off=200.0,
+        height_scale=500.0,
+        lat_off=0.0,
+        lat_scale=GSD * height / 2 / 110_574.3,
+        long_off=30.0,
+        long_scale=GSD * width / 2 / 111_319.5,
+        line_off=height / 2 - 0.5,
+        line_scale=height / 2,
+        samp_off=width / 2 - 0.5,
+        samp_scale=width / 2,
+        line_num_coeff=north,
+        line_den_coeff=unit,
+        samp_num_coeff=east,
+        samp_den_coeff=unit,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +94,36 @@ def test_georeferenced_photographs_give_gis_files(
     lon, lat = degrees["features"][0]["geometry"]["coordinates"][0][0]
     assert (round(lon, 1), round(lat, 1)) == (15.0, 45.2)
     assert "coordinate_frame" not in degrees
+
+
+@pytest.mark.parametrize("tiles", ["off", "on"])
+def test_photographs_placed_by_rpc_give_gis_files(run: Run, pair: Pair, tmp_path: Path, tiles: str) -> None:
+    width, height = PIL.Image.open(pair.left).size
+    epochs = [
+        geotiff(tmp_path / f"{side}.tif", getattr(pair, side), None, None, rational(width, height))
+        for side in ("left", "right")
+    ]
+    code, _, err = run("match", *epochs, "-o", tmp_path / "out", "--tiles", tiles, *pair.regions)
+    assert code == 0, err
+    result = MatchResult.load(tmp_path / "out")
+    assert any("at the mean height of its RPC, 200 m" in text for text in result.warnings)
+    degrees = json.loads((tmp_path / "out" / "left.geojson").read_text())["features"]
+    for side in ("left", "right"):
+        meta, _, shapes, values = pyogrio.raw.read(tmp_path / "out" / "matches.gpkg", layer=side)
+        assert meta["crs"] == "EPSG:4326"
+        ids = dict(zip(meta["fields"], values, strict=True))["polygon_id"].tolist()
+        polygons = {polygon.id: polygon for polygon in getattr(result, side).polygons}
+        for id, shape in zip(ids, shapely.from_wkb(shapes), strict=True):
+            x0, y0, x1, y1 = polygons[id].bounds
+            unit = GSD / 111_319.5, GSD / 110_574.3
+            low = 30 + (x0 - width / 2) * unit[0], (height / 2 - y1) * unit[1]
+            high = 30 + (x1 - width / 2) * unit[0], (height / 2 - y0) * unit[1]
+            assert shape.bounds == pytest.approx((*low, *high), abs=1e-8)
+            if side == "left":
+                written = next(f for f in degrees if f["id"] == id)
+                assert shapely.from_geojson(json.dumps(written["geometry"])).bounds == pytest.approx(
+                    shape.bounds, abs=2e-8
+                )
 
 
 def test_results_do_not_depend_on_the_georeference(
@@ -122,7 +178,7 @@ def test_formats_on_demand(run: Run, pair: Pair, tmp_path: Path) -> None:
     assert pyogrio.read_info(tmp_path / "matches.gpkg", layer="left")["features"] == len(result.left.polygons)
     assert pyogrio.read_info(tmp_path / "right.shp")["features"] == len(result.right.polygons)
     annotations = json.loads((tmp_path / "left.coco.json").read_text())["annotations"]
-    assert [a["id"] for a in annotations] == [p.id for p in result.left.polygons]
+    assert [a["polygon_id"] for a in annotations] == [p.id for p in result.left.polygons]
     code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "x", *pair.regions, "--format", "kml")
     assert (code, err) == (2, "zpm2: unknown format 'kml'; formats are: gpkg, shapefile, coco\n")
 

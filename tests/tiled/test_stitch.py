@@ -1,5 +1,7 @@
 """A photograph's regions, cut by windows as tiles cut them, and put together again."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
@@ -348,7 +350,7 @@ def test_pieces_of_different_levels_are_not_united():
 
 def test_what_is_too_small_goes_and_labels_and_guidance_stay():
     given = pieces_of(tiled([box(10, 10, 40, 40), box(100, 100, 200, 200), box(340, 300, 660, 400)]))
-    named = [from_shape(p.shape, p.id, p.score, "roof") for p in given.polygons]
+    named = [dataclasses.replace(p, label="roof", source_id=f"way/{p.id}") for p in given.polygons]
     guided = np.zeros(len(named), bool)
     guided[np.argmax(given.cut)] = True  # one piece of the long one
     found = stitch(Pieces(named, given.tile, given.cut, guided, given.windows, given.levels), SIZE, 0.7, 1.0, 1000.0)
@@ -356,6 +358,7 @@ def test_what_is_too_small_goes_and_labels_and_guidance_stay():
         (10_000, "roof", False),
         (32_000, None, True),
     ]
+    assert [p.source_id for p in found.polygons if p.label] == [named[1].source_id]
 
 
 def test_nothing():

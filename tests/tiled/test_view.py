@@ -109,9 +109,10 @@ def test_pixels_without_data_stay_so(turn):
 def test_a_polygon_comes_back_with_all_that_is_known_of_it(turn):
     seen = view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 2.0), turn)
     ring, hole = np.array([[30, 30], [60, 30], [60, 60], [30, 60]], float), np.array([[40, 40], [40, 50], [50, 50]])
-    polygon = Polygon(7, ring, (hole.astype(float),), 0.75, 3, "roof")
+    polygon = Polygon(7, ring, (hole.astype(float),), 0.75, 3, "roof", "way/1", {"name": "Hof"})
     moved = seen.polygon(polygon, 5)
     assert (moved.id, moved.score, moved.parent, moved.label) == (5, 0.75, None, "roof")
+    assert (moved.source_id, moved.properties) == ("way/1", {"name": "Hof"})
     assert moved.area == pytest.approx(4 * polygon.area)
     assert shapely.is_ccw(moved.shape.exterior) == shapely.is_ccw(polygon.shape.exterior)
     wanted = shapely.Polygon(seen.points(ring), [seen.points(hole)])

@@ -17,10 +17,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from zpm2.cloud.rays import Hits, RayCaster
-from zpm2.cloud.shrink import largest, spacing
+from zpm2.cloud.shrink import spacing
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.trial import cast
 from zpm2.config import CloudConfig
+from zpm2.geometry import largest
 from zpm2.model import PosedCamera
 
 Array = NDArray[np.float64]

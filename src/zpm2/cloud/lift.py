@@ -16,6 +16,7 @@ from zpm2.cloud.trial import Fault, cast, faults
 from zpm2.cloud.walk import walk
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
+from zpm2.geometry import mended
 from zpm2.model import Polygon, PosedCamera
 
 Array = NDArray[np.float64]
@@ -152,7 +153,7 @@ def outline_in(rings: Sequence[Ring], view: PosedCamera, surface: Surface) -> sh
     seen = [view.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()
-    return shapely.buffer(shapely.Polygon(seen[0], seen[1:]), 0)
+    return mended(shapely.Polygon(seen[0], seen[1:]))
 
 
 def outlines(

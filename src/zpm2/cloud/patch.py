@@ -12,9 +12,9 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
-from zpm2.cloud.shrink import largest
 from zpm2.cloud.surface import Surface, crosses, paired_edges
 from zpm2.errors import Failed
+from zpm2.geometry import mended
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
@@ -126,9 +126,7 @@ class Cutter:
         """
         surface = self.surface
         rings = [self._pinhole.project(ring.points + surface.origin) for ring in lifted.rings]
-        shape = shapely.Polygon(rings[0], rings[1:])
-        if not shape.is_valid:
-            shape = largest(shapely.make_valid(shape))
+        shape = mended(shapely.Polygon(rings[0], rings[1:]))
         if shape.area == 0:
             return Failed("its boundary encloses nothing")
         border = np.unique(np.concatenate([ring.faces for ring in lifted.rings]))

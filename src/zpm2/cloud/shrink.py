@@ -5,6 +5,8 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
+from zpm2.geometry import largest
+
 Array = NDArray[np.float64]
 CELLS = 10_000  # samples of a polygon, about; larger polygons have a coarser grid
 
@@ -30,13 +32,6 @@ class Shrinker:
         if self.radial:
             return shapely.affinity.scale(self.polygon, scale, scale, origin=self.polygon.centroid)
         return largest(self.polygon.buffer(-(1 - scale) * self.depth, join_style="mitre"))
-
-
-def largest(geometry: shapely.Geometry) -> shapely.Polygon:
-    """The largest polygon of any geometry; empty where it has none."""
-    parts = shapely.get_parts(shapely.get_parts(geometry))  # collections may hold MultiPolygons
-    polygons = [part for part in parts if part.geom_type == "Polygon"]
-    return max(polygons, key=lambda part: part.area, default=shapely.Polygon())
 
 
 def densified(ring: Array, step: float) -> Array:

@@ -107,6 +107,12 @@ def from_shape(shape: shapely.Polygon, id: int, score: float = 1.0, label: str |
     return Polygon(id, _ring(shape.exterior, positive=True), holes, score, None, label)
 
 
+def reshaped(polygon: Polygon, shape: shapely.Polygon) -> Polygon:
+    """The polygon with another outline (image px); all else that is known of it stays."""
+    outline = from_shape(shape, polygon.id)
+    return dataclasses.replace(polygon, exterior=outline.exterior, holes=outline.holes)
+
+
 def with_parents(polygons: Sequence[Polygon]) -> list[Polygon]:
     """The same polygons, each with the id of the smallest larger one that holds at least 95 % of its area as parent."""
     if not polygons:

@@ -6,8 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.model import Mask, Polygon
+from zpm2.io.described import OURS as POLYGONS
+from zpm2.io.described import beside, described
+from zpm2.model import Counterpart, Mask, Polygon
 
+CONTRIBUTOR = "zpm2"  # in the file's "info", by which we know our own
+OURS = POLYGONS | {"id", "polygon_id", "image_id", "category_id", "segmentation", "bbox", "iscrowd"}
 REGION = "region"  # category of a polygon without a label
 DIGITS = 7  # of five bits each, the sign among them: run lengths below 2 ** 34
 
@@ -15,38 +19,39 @@ DIGITS = 7  # of five bits each, the sign among them: run lengths below 2 ** 34
 def coco(
     polygons: Sequence[Polygon],
     masks: Iterable[Mask],
-    match_of: Mapping[int, tuple[int, float]] | None,
+    match_of: Mapping[int, Counterpart] | None,
     image_name: str,
     width: int,
     height: int,
+    unmatched: Mapping[int, str] | None = None,
 ) -> dict[str, Any]:
     """The polygons of an image of `width` x `height` px as a COCO object, ready for JSON and for pycocotools.
 
     `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; what of a mask lies
-    beyond the image is cut off. An annotation's id is the polygon's; "bbox" is [x, y, w, h] px of the pixels and "area"
-    their number (all 0 where a polygon has no pixel). "match" and "confidence" are the partner's id and 0..1 of
-    `match_of`, null without one. Categories are the labels in their alphabetical order and "region" for polygons
-    without; their ids start at 1. `ValueError` where there are not as many masks as polygons.
+    beyond the image is cut off. Annotations are numbered from 1, as 0 is no annotation for COCOeval; "polygon_id" is
+    the polygon's id. "bbox" is [x, y, w, h] px of the pixels and "area" their number (all 0 where a polygon has no
+    pixel). All else is as in our GeoJSON: `match_of` gives a polygon's match, `unmatched` why it has none. Categories
+    are the labels in their alphabetical order and "region" for polygons without; their ids start at 1. `ValueError`
+    where there are not as many masks as polygons.
     """
-    partners = match_of or {}
-    names = sorted({polygon.label or REGION for polygon in polygons})
+    partners, reasons = match_of or {}, unmatched or {}
+    names = sorted({_category(polygon) for polygon in polygons})
     category = {name: k for k, name in enumerate(names, start=1)}
-    annotations = []
-    for polygon, mask in zip(polygons, masks, strict=True):
-        partner, confidence = partners.get(polygon.id, (None, None))
-        annotations.append(
-            {
-                "id": polygon.id,
-                "image_id": 1,
-                "category_id": category[polygon.label or REGION],
-                **_region(mask, width, height),
-                "iscrowd": 0,
-                "score": polygon.score,
-                "match": partner,
-                "confidence": confidence,
-            }
-        )
+    annotations = [
+        {
+            **described(polygon, partners.get(polygon.id), reasons.get(polygon.id)),
+            **beside(polygon.properties, OURS),
+            "id": k,
+            "polygon_id": polygon.id,
+            "image_id": 1,
+            "category_id": category[_category(polygon)],
+            **_region(mask, width, height),
+            "iscrowd": 0,
+        }
+        for k, (polygon, mask) in enumerate(zip(polygons, masks, strict=True), start=1)
+    ]
     return {
+        "info": {"contributor": CONTRIBUTOR},
         "images": [{"id": 1, "file_name": image_name, "width": width, "height": height}],
         "categories": [{"id": k, "name": name} for name, k in category.items()],
         "annotations": annotations,
@@ -72,6 +77,10 @@ def compressed(counts: NDArray[np.int64]) -> str:
     more = rest != np.where(digits & 16, -1, 0)  # the last digit's highest bit is the sign
     used = np.arange(DIGITS) <= np.argmin(more, axis=1)[:, None]
     return (digits + 32 * more + 48)[used].astype(np.uint8).tobytes().decode("ascii")
+
+
+def _category(polygon: Polygon) -> str:
+    return REGION if polygon.label is None else polygon.label
 
 
 def _region(mask: Mask, width: int, height: int) -> dict[str, Any]:

@@ -22,6 +22,8 @@ def side_to_dict(side: Side) -> dict[str, Any]:
             "score": p.score,
             "parent": p.parent,
             **({"label": p.label} if p.label is not None else {}),
+            **({"source_id": p.source_id} if p.source_id is not None else {}),
+            **({"properties": dict(p.properties)} if p.properties else {}),
             **({"unmatched": side.unmatched[p.id]} if p.id in side.unmatched else {}),
         }
         for p in side.polygons
@@ -88,14 +90,17 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
             score=p["score"],
             parent=p["parent"],
             label=p.get("label"),
+            source_id=p.get("source_id"),
+            properties=dict(p.get("properties", {})),
         )
         for p in values["polygons"]
     ]
-    transform = values.get("transform")
+    transform, rpc = values.get("transform"), values.get("rpc")
     geo = Georeference(
         values.get("crs"),
         None if transform is None else np.array(transform, np.float64).reshape(2, 3),
         values.get("gsd"),
+        None if rpc is None else {str(name): value for name, value in dict(rpc).items()},
     )
     unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
     return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
@@ -108,6 +113,6 @@ def _ring(values: Any) -> NDArray[np.float64]:
     return ring
 
 
-def matrix_from_list(values: Any, name: str) -> NDArray[np.float64] | Failed:
-    """The matrix that `matrix_to_list` wrote; `name` is what failed where there is none."""
-    return Failed(f"the run found no {name}") if values is None else np.array(values, np.float64).reshape(3, 3)
+def matrix_from_list(values: Any, reason: str) -> NDArray[np.float64] | Failed:
+    """The matrix that `matrix_to_list` wrote; `reason` is why there is none."""
+    return Failed(reason) if values is None else np.array(values, np.float64).reshape(3, 3)

@@ -1,7 +1,8 @@
-"""Polygons of the two photographs for a GIS: GeoPackage, shapefile, GeoJSON in longitude and latitude (extra `geo`)."""
+"""Polygons of the two photographs as files for a GIS: GeoPackage and shapefile (extra `geo`)."""
 
 import contextlib
 import errno
+import json
 import os
 import shutil
 import tempfile
@@ -16,26 +17,16 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency, OutputError
-from zpm2.io import geojson
+from zpm2.io.described import PREFIX
 from zpm2.io.files import why
-from zpm2.model import Georeference, Polygon, PolygonArrays, PolygonMatch
+from zpm2.io.layer import Layer, feature_collection, square_meters, world_shapes
+from zpm2.model import PolygonArrays, PolygonMatch
 
 Array = NDArray[np.float64]
 
-DEGREES = 8  # decimals of longitude and latitude: about 1 mm
 GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
+RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
-
-
-@dataclass(frozen=True, eq=False)
-class Layer:
-    """The polygons of one photograph with what a GIS shows of them."""
-
-    name: str  # "left" or "right"
-    polygons: Sequence[Polygon]
-    geo: Georeference  # of the photograph; without CRS or transform the layer lies in image px
-    match_of: Mapping[int, tuple[int, float]]  # polygon id -> (partner's id, confidence 0..1)
-    unmatched: Mapping[int, str]  # polygon id -> why it has no partner; may lack ids
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +35,22 @@ class _Table:
 
     columns: dict[str, NDArray[Any]]
     nulls: dict[str, NDArray[np.bool_]]
+
+    def with_properties(self, rows: Sequence[Mapping[str, Any]]) -> "_Table":
+        """And the properties that its n polygons were given with, each in a column of its own.
+
+        A name that is taken (formats do not tell upper from lower case) gets a prefix. Columns of truth values, of
+        whole numbers and of numbers stay so; all others are text, JSON where a value is none.
+        """
+        columns, nulls = dict(self.columns), dict(self.nulls)
+        taken = {*columns, "source_id", *RESERVED}
+        for name in dict.fromkeys(name for row in rows for name in row):
+            column = "".join(letter if letter.isprintable() else " " for letter in name)
+            while column.lower() in taken or not column:
+                column = PREFIX + column
+            taken.add(column.lower())
+            columns[column], nulls[column] = _column([row.get(name) for row in rows])
+        return _Table(columns, nulls)
 
 
 def require_pyogrio() -> Any:
@@ -64,34 +71,22 @@ def has_pyogrio() -> bool:
     return True
 
 
-def world_shapes(layer: Layer) -> NDArray[np.object_]:
-    """(n,) shapely polygons in the CRS of the layer's photograph, in the order of a GIS (easting or longitude first).
-
-    Where the photograph is not located they are in image px with y negated, which is where QGIS draws an image without
-    georeference. Exteriors run counter-clockwise in these coordinates, holes clockwise.
-    """
-    vertices, ring_of, first_ring = _vertices(layer.polygons)
-    vertices = layer.geo.to_world(vertices) if layer.geo.located else vertices * (1, -1)
-    closed, offsets = _closed(vertices, ring_of, first_ring)
-    polygon_type = shapely.GeometryType.POLYGON
-    return np.asarray(shapely.from_ragged_array(polygon_type, closed, (offsets, first_ring)), object)
-
-
 def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Sequence[PolygonMatch]) -> Path:
     """Writes both photographs' polygons and the matches as one GeoPackage, whole or not at all; returns the path.
 
     Two layers with the names and the coordinates (`world_shapes`) of `left` and `right`, each in the CRS of its own
     photograph or in the undefined Cartesian one, with the fields polygon_id, area_px, area_m2 (null where no ground
-    sampling distance is known), score, parent, label, match (partner's polygon_id), confidence, unmatched; and a table
-    "matches" without geometry: left, right (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it
-    cannot be written, and `path` is then what it was before.
+    sampling distance is known), score, parent, label, match (partner's polygon_id), match_id, confidence, unmatched; of
+    given regions source_id and their properties. And a table "matches" without geometry: match_id, left, right
+    (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it cannot be written, and `path` is then
+    what it was before.
     """
     path = Path(path)
     with _moved_into(path.parent, path) as folder:
         temporary = folder / "a.gpkg"
         for layer in (left, right):
-            srs = {} if layer.geo.located else {"SRID": "-1"}
-            _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.geo, srs)
+            srs = {"SRID": "-1"} if layer.crs is None else {}
+            _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.crs, srs)
         _write(temporary, "GPKG", "matches", _match_table(matches))
         os.replace(temporary, path)
         for suffix in ("-wal", "-shm", "-journal"):  # a GIS's, of the file that was there: SQLite would apply them
@@ -108,7 +103,7 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     """
     target = Path(folder) / f"{layer.name}.shp"
     with _moved_into(target.parent, target) as temporary:
-        _write(temporary / target.name, "ESRI Shapefile", layer.name, _table(layer), world_shapes(layer), layer.geo)
+        _write(temporary / target.name, "ESRI Shapefile", layer.name, _table(layer), world_shapes(layer), layer.crs)
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
@@ -118,103 +113,31 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     return target
 
 
-def feature_collection(layer: Layer) -> dict[str, Any]:
-    """The layer as a GeoJSON FeatureCollection of RFC 7946: WGS 84 longitude and latitude in degrees, 8 decimals.
-
-    The photograph must be located (`geo.located`); for others there is `io.geojson`. "id" is the polygon's; properties
-    are those of `io.geojson` ("area" in px^2), "area_m2" and "unmatched". Exteriors run counter-clockwise. A polygon
-    across the antimeridian is not cut: its longitudes go on past 180 or -180, so that its outline does not jump.
-    `InputError` where the CRS has no way to longitude and latitude, or a vertex lies where it is not defined.
-    """
-    assert layer.geo.located
-    vertices, ring_of, first_ring = _vertices(layer.polygons)
-    degrees = _degrees(layer, layer.geo.to_world(vertices))
-    begins = np.searchsorted(ring_of, first_ring)  # of each polygon's vertices
-    start = np.repeat(degrees[begins[:-1], 0], np.diff(begins))
-    degrees[:, 0] -= 360 * np.round((degrees[:, 0] - start + 360 * np.round(start / 360)) / 360)
-    closed, offsets = _closed(np.round(degrees, DEGREES), ring_of, first_ring)
-    rings = [ring.tolist() for ring in np.split(closed, offsets[1:-1])]
-    meters = _square_meters(layer.geo)
-    features = []
-    for k, polygon in enumerate(layer.polygons):
-        properties = geojson.properties(polygon, *layer.match_of.get(polygon.id, (None, None))) | {
-            "area_m2": None if meters is None else polygon.area * meters,
-            "unmatched": layer.unmatched.get(polygon.id),
-        }
-        geometry = {"type": "Polygon", "coordinates": rings[first_ring[k] : first_ring[k + 1]]}
-        features.append({"type": "Feature", "id": polygon.id, "properties": properties, "geometry": geometry})
-    return {"type": "FeatureCollection", "features": features}
-
-
-def _vertices(polygons: Sequence[Polygon]) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """(v, 2) image px of all rings, exteriors before their holes; (v,) the ring of each; (n + 1,) polygons' first."""
-    rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.holes)]
-    ring_of = np.repeat(np.arange(len(rings)), np.array([len(ring) for ring in rings], np.int64))
-    first_ring = np.cumsum([0, *(1 + len(polygon.holes) for polygon in polygons)])
-    return np.concatenate([np.zeros((0, 2)), *rings]), ring_of, first_ring
-
-
-def _closed(
-    vertices: Array, ring_of: NDArray[np.int64], first_ring: NDArray[np.int64]
-) -> tuple[Array, NDArray[np.int64]]:
-    """The rings of `_vertices`, first vertex repeated at the end, exteriors turned counter-clockwise and holes
-    clockwise; and (r + 1,) the row at which each begins."""
-    sizes = np.bincount(ring_of)
-    starts = np.cumsum(sizes) - sizes
-    here = vertices - vertices[starts[ring_of]]  # small numbers, whose products keep their digits
-    after = np.arange(len(vertices)) + 1
-    after[starts + sizes - 1] = starts
-    cross = here[:, 0] * here[after, 1] - here[:, 1] * here[after, 0]
-    clockwise = np.bincount(ring_of, cross, len(sizes)) < 0
-    is_hole = np.ones(len(sizes), bool)
-    is_hole[first_ring[:-1]] = False
-    offsets = np.r_[0, np.cumsum(sizes + 1)]
-    ring = np.repeat(np.arange(len(sizes)), sizes + 1)
-    place = np.arange(len(ring)) - offsets[ring]
-    turned = np.where(clockwise != is_hole, -1, 1)[ring]
-    return vertices[starts[ring] + turned * place % sizes[ring]], offsets
-
-
-def _degrees(layer: Layer, points: Array) -> Array:
-    """(n, 2) coordinates of the layer's CRS -> (n, 2) longitude, latitude of WGS 84, degrees."""
-    rasterio = _require_rasterio()
-    try:
-        lon_lat = rasterio.warp.transform(layer.geo.crs, "EPSG:4326", points[:, 0], points[:, 1])
-        degrees = np.array(lon_lat, np.float64).T.reshape(-1, 2)
-        finite = bool(np.isfinite(degrees).all())
-    except Exception as error:  # GDAL's errors have no public base class
-        raise _no_degrees(layer) from error
-    if not finite:
-        raise _no_degrees(layer)
-    return degrees
-
-
-def _no_degrees(layer: Layer) -> InputError:
-    return InputError(
-        f"the reference system of the {layer.name} image has no longitude and latitude for all of its polygons: "
-        "write a GeoPackage instead"
-    )
-
-
-def _square_meters(geo: Georeference) -> float | None:
-    """m^2 of ground in one px^2, by the ground sampling distance or else by a projected CRS; None where unknown."""
-    if geo.gsd is not None:
-        return geo.gsd**2
-    if geo.crs is None or geo.transform is None:
-        return None
-    crs = _require_rasterio().crs.CRS.from_user_input(geo.crs)
-    if not crs.is_projected:
-        return None
-    return abs(float(np.linalg.det(geo.transform[:, :2]))) * float(crs.linear_units_factor[1]) ** 2
-
-
-def _require_rasterio() -> Any:
-    try:
-        import rasterio.crs
-        import rasterio.warp
-    except ImportError as error:
-        raise MissingDependency('reference systems need rasterio: pip install "zpm2[geo]"') from error
-    return rasterio
+def notes(layers: Sequence[Layer]) -> list[str]:
+    """What files for a GIS miss, or what to know of them."""
+    found = []
+    for layer in layers:
+        geo, image = layer.geo, f"{layer.name} image"
+        if layer.by_rpc and geo.rpc is not None:
+            found.append(
+                f"{image}: files for a GIS are in longitude and latitude at the mean height of its RPC, "
+                f"{geo.rpc['height_off']:g} m: what lies higher or lower is shifted there"
+            )
+        elif geo.rpc and layer.crs is None:
+            found.append(f"{image}: its RPC does not reach all of its polygons: files for a GIS are in image px")
+        if geo.crs is None and geo.transform is not None:
+            found.append(
+                f"{image}: its geotransform has no reference system, results are in image px: assign the one it is in"
+            )
+        try:
+            _ = layer.crs is None or feature_collection(layer)
+        except InputError:
+            found.append(
+                f"{image}: its reference system has no longitude and latitude: {layer.name}.geojson is in image px"
+            )
+    if any(layer.crs is not None for layer in layers) and not has_pyogrio():
+        found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
+    return found
 
 
 def _table(layer: Layer) -> _Table:
@@ -222,8 +145,9 @@ def _table(layer: Layer) -> _Table:
     polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
     partners = [layer.match_of.get(id) for id in ids]
     parent, no_parent = _integers([polygon.parent for polygon in polygons])
-    match, no_match = _integers([partner and partner[0] for partner in partners])
-    meters = _square_meters(layer.geo)
+    match, no_match = _integers([None if partner is None else partner.polygon_id for partner in partners])
+    match_id, _ = _integers([None if partner is None else partner.match_id for partner in partners])
+    meters = square_meters(layer.geo)
     columns = {
         "polygon_id": arrays.ids,
         "area_px": arrays.areas,
@@ -232,14 +156,19 @@ def _table(layer: Layer) -> _Table:
         "parent": parent,
         "label": np.array([polygon.label for polygon in polygons], object),
         "match": match,
-        "confidence": np.array([partner[1] if partner else np.nan for partner in partners], np.float64),
+        "match_id": match_id,
+        "confidence": np.array([partner.confidence if partner else np.nan for partner in partners], np.float64),
         "unmatched": np.array([layer.unmatched.get(id) for id in ids], object),
     }
-    return _Table(columns, {"parent": no_parent, "match": no_match})
+    nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
+    if any(polygon.source_id is not None for polygon in polygons):
+        columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
+    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons])
 
 
 def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
     kinds = {
+        "match_id": np.int64,
         "left": np.int64,
         "right": np.int64,
         "confidence": np.float64,
@@ -248,7 +177,26 @@ def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
         "stage": object,
         "overlap": np.float64,
     }
-    return _Table({name: np.array([getattr(m, name) for m in matches], kind) for name, kind in kinds.items()}, {})
+    members = {"match_id": "id"}
+    return _Table(
+        {name: np.array([getattr(m, members.get(name, name)) for m in matches], kind) for name, kind in kinds.items()},
+        {},
+    )
+
+
+def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """(n,) JSON values of any kinds in one type, and (n,) which of them are null."""
+    null = np.array([value is None for value in values], bool)
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {bool}:
+        return np.array([bool(value) for value in values], bool), null
+    fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
+    if kinds == {int} and fit:
+        return _integers(values)
+    if kinds in ({float}, {int, float}) and fit:
+        return np.array([np.nan if value is None else float(value) for value in values], np.float64), null
+    texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
+    return np.array(texts, object), null
 
 
 def _integers(values: Sequence[int | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -262,7 +210,7 @@ def _write(
     name: str,
     table: _Table,
     shapes: NDArray[np.object_] | None = None,
-    geo: Georeference | None = None,
+    crs: str | None = None,
     options: Mapping[str, str] | None = None,
 ) -> None:
     """One layer into a new file, or added to it; a table without `shapes`. `OSError` where the disk is full."""
@@ -271,6 +219,7 @@ def _write(
     with warnings.catch_warnings(), _full_disk_named(path.parent, body, len(next(iter(table.columns.values())))):
         warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
         warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
+        warnings.filterwarnings("ignore", ".*laundered", RuntimeWarning)  # names over 10 letters there
         pyogrio.raw.write(
             path,
             body,
@@ -280,7 +229,7 @@ def _write(
             layer=name,
             driver=driver,
             geometry_type=None if shapes is None else "Polygon",
-            crs=geo.crs if geo and geo.located else None,
+            crs=crs,
             encoding="UTF-8",
             append=path.exists(),
             dataset_options={"VERSION": GEOPACKAGE} if driver == "GPKG" else {},

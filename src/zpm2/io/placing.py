@@ -2,11 +2,13 @@
 
 import math
 import warnings
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.errors import MissingDependency
 from zpm2.model import Georeference
 
 Array = NDArray[np.float64]
@@ -93,6 +95,24 @@ def place_of(
     if gsd is None and place is not None:
         gsd = _pixel_size(place, width, height)
     return place, Georeference(geo.crs, geo.transform, gsd, None if rpcs is None else rpcs.to_dict())
+
+
+def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
+    """The reference system that polygons of a photograph are written in for a GIS, and (n, 2) image px -> coordinates
+    of it: its own, or WGS 84 where RPCs alone place it, NaN beyond their reach; None where nothing does.
+    """
+    if geo.crs is not None and geo.transform is not None:
+        return geo.crs, geo.to_world
+    if not geo.rpc:
+        return None
+    try:
+        from rasterio.rpc import RPC
+    except ImportError as error:
+        raise MissingDependency('RPCs need rasterio: pip install "zpm2[geo]"') from error
+    try:
+        return "EPSG:4326", ByRpc(RPC(**geo.rpc)).to_lon_lat
+    except (TypeError, ValueError):  # some are missing or no numbers
+        return None
 
 
 def _crs_text(crs: Any) -> str | None:

@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.detect.vectorize import from_shape, pieces, rasterize, trace
+from zpm2.detect.vectorize import pieces, rasterize, reshaped, trace
 from zpm2.model import Mask, Polygon
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def exclusive(
     taken stays.
 
     A polygon's pixels are those with their centre inside. What is kept is traced along pixel edges, so areas are pixel
-    counts, with the id, score, parent and label of the polygon. The order of the pairs does not matter, as long as
+    counts, with all else that is known of the polygon. The order of the pairs does not matter, as long as
     their left ids are distinct.
     """
     sides = _Side([left for left, _ in pairs], sizes[0]), _Side([right for _, right in pairs], sizes[1])
@@ -223,5 +223,4 @@ def _painted(masks: Sequence[Mask]) -> tuple[int, int, NDArray[np.uint8]]:
 
 
 def _traced(polygon: Polygon, piece: Mask) -> Polygon:
-    shape = trace(piece.bits, piece.x0, piece.y0)[0]
-    return dataclasses.replace(from_shape(shape, polygon.id, polygon.score, polygon.label), parent=polygon.parent)
+    return reshaped(polygon, trace(piece.bits, piece.x0, piece.y0)[0])

@@ -68,8 +68,8 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
 
 
 def rectified_shapes(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Array) -> NDArray[np.object_]:
-    """(c,) shapely polygons: exterior and holes of polygon `rows[k]` carried by `matrices[k]`; empty where a vertex
-    would go beyond the horizon."""
+    """(c,) shapely polygons: exterior and holes of polygon `rows[k]` carried by `matrices[k]`, made
+    valid where its rings cross there; empty where a vertex would go beyond the horizon."""
     if len(rows) == 0:
         return np.empty(0, object)
     coords, owner = shapely.get_coordinates(polygons.shapes[rows], return_index=True)
@@ -78,7 +78,7 @@ def rectified_shapes(polygons: PolygonArrays, rows: NDArray[np.int64], matrices:
     mapped[beyond, 2] = 1.0
     shapes = shapely.set_coordinates(polygons.shapes[rows], mapped[:, :2] / mapped[:, 2:])
     invalid = ~shapely.is_valid(shapes)
-    shapes[invalid] = shapely.buffer(shapes[invalid], 0)
+    shapes[invalid] = [geometry.mended(shape) for shape in shapes[invalid]]
     shapes[np.unique(owner[beyond])] = shapely.Polygon()
     return np.asarray(shapes)
 

@@ -4,13 +4,14 @@ from zpm2.model.camera import Camera, PosedCamera
 from zpm2.model.georeference import Georeference
 from zpm2.model.image import Image
 from zpm2.model.mask import Mask
-from zpm2.model.match import PolygonMatch, Stage
+from zpm2.model.match import Counterpart, PolygonMatch, Stage, counterparts
 from zpm2.model.points import PointMatches
 from zpm2.model.polygon import Polygon, PolygonArrays
 from zpm2.model.side import Side
 
 __all__ = [
     "Camera",
+    "Counterpart",
     "Georeference",
     "Image",
     "Mask",
@@ -21,4 +22,5 @@ __all__ = [
     "PosedCamera",
     "Side",
     "Stage",
+    "counterparts",
 ]

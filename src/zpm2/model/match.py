@@ -1,5 +1,6 @@
 """A polygon correspondence."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -30,3 +31,18 @@ class PolygonMatch:
     def id(self) -> int:
         """What every file and picture calls this match: the id of its left polygon, which no other match has."""
         return self.left
+
+
+@dataclass(frozen=True)
+class Counterpart:
+    """What the files of one image say of a matched polygon's match."""
+
+    match_id: int  # `PolygonMatch.id`
+    polygon_id: int  # of the partner in the other image
+    confidence: float  # 0..1
+
+
+def counterparts(matches: Iterable[PolygonMatch], side: Literal["left", "right"]) -> dict[int, Counterpart]:
+    """By the id of each matched polygon of one side."""
+    other = "right" if side == "left" else "left"
+    return {getattr(m, side): Counterpart(m.id, getattr(m, other), m.confidence) for m in matches}

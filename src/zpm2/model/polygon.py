@@ -1,8 +1,9 @@
 """A polygon in image coordinates: the primitive that everything here matches."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -23,6 +24,8 @@ class Polygon:
     score: float = 1.0  # the segmenter's own quality, 0..1
     parent: int | None = None  # id of the smallest polygon of the same image that contains this one
     label: str | None = None  # a class name, where the source of the region gave one
+    source_id: str | None = None  # of a given region: its id in the file that it came from, as text; parts share it
+    properties: Mapping[str, Any] = field(default_factory=dict)  # of a given region: what its file says more, as JSON
 
     @cached_property
     def shape(self) -> shapely.Polygon:

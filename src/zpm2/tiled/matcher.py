@@ -10,7 +10,6 @@ from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, InputError
 from zpm2.features import PointMatcher
-from zpm2.io.gis import has_pyogrio
 from zpm2.io.images import MAX_PIXELS
 from zpm2.io.source import ImageLike, Source, opened
 from zpm2.model import Image
@@ -59,7 +58,7 @@ class TiledMatcher:
                 result = run.result()
             else:
                 result = self._as_it_is(sources, least)
-            return replace(result, warnings=[*result.warnings, *_gis_notes(sources)])
+            return replace(result, warnings=[*result.warnings, *result.gis_notes()])
 
     def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
         """A small pair."""
@@ -88,23 +87,6 @@ def _all(source: Source, name: str) -> Image:
             f"{name} image has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, --set tiles.mode=on"
         )
     return source.read()
-
-
-def _gis_notes(sources: Sequence[Source]) -> list[str]:
-    """What a GIS will miss."""
-    notes = [
-        f"{side} image: its reference system has no longitude and latitude: {side}.geojson is in image px"
-        for side, source in zip(SIDES, sources, strict=True)
-        if source.geo.located and not source.placed
-    ]
-    notes += [
-        f"{side} image: its geotransform has no reference system, results are in image px: assign the one it is in"
-        for side, source in zip(SIDES, sources, strict=True)
-        if source.geo.crs is None and source.geo.transform is not None
-    ]
-    if any(source.geo.located for source in sources) and not has_pyogrio():
-        notes.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
-    return notes
 
 
 def _least(source: Source, config: Config) -> float:

@@ -8,13 +8,14 @@ union still ends at a border, it is left out, as its outline would be the tile's
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zpm2.detect.vectorize import from_shape, with_parents
+from zpm2.geometry import largest
 from zpm2.io.raster import Window
 from zpm2.local_match.rectify import overlaps
 from zpm2.model import Polygon
@@ -74,9 +75,9 @@ def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: flo
     kept = suppress(everything, np.lexsort((-scores, is_united, -levels)), nms_iou)
     kept = np.sort(kept[shapely.area(everything[kept]) >= min_area])
     polygons = [
-        from_shape(
-            everything[row], k, float(scores[row]), None if is_united[row] else pieces.polygons[whole[row]].label
-        )
+        from_shape(everything[row], k, float(scores[row]))
+        if is_united[row]
+        else replace(pieces.polygons[whole[row]], id=k)
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
@@ -191,11 +192,10 @@ def _unite(
         if any(_ends(shapes, k, group, tile, borders) for k in group):
             continue
         trimmed = [shapely.intersection(shapes[k], shapely.box(*borders[tile[k]].shrunk(TRIM))) for k in group]
-        largest, full = (_largest(shapely.union_all(parts)) for parts in (trimmed, shapes[group]))
-        if largest.area < FILLED * full.area:  # windows that hardly overlap
-            largest = full
-        simple = shapely.simplify(largest, tolerance)
-        found.append(simple if simple.is_valid and not simple.is_empty else largest)
+        inner, full = (largest(shapely.union_all(parts)) for parts in (trimmed, shapes[group]))
+        outline = inner if inner.area >= FILLED * full.area else full  # windows may hardly overlap
+        simple = shapely.simplify(outline, tolerance)
+        found.append(simple if simple.is_valid and not simple.is_empty else outline)
         members.append(group)
     return _array(found), members
 
@@ -210,11 +210,6 @@ def _ends(shapes: Shapes, k: int, group: list[int], tile: NDArray[np.int64], bor
         if touching.area > 0 and shapely.intersection(touching, others).area < COVERED * touching.area:
             return True
     return False
-
-
-def _largest(shape: shapely.Geometry) -> shapely.Polygon:
-    parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
-    return max(parts, key=lambda part: part.area, default=shapely.Polygon())
 
 
 def _array(shapes: Sequence[shapely.Geometry]) -> Shapes:

@@ -1,14 +1,15 @@
 """One window of a photograph as the matcher sees it: reduced, and turned where the two photographs are turned."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.detect.vectorize import from_shape
+from zpm2.detect.vectorize import reshaped
 from zpm2.io.raster import Window
 from zpm2.io.source import Source
 from zpm2.model import Image, Polygon
@@ -36,8 +37,7 @@ class View:
     def polygon(self, polygon: Polygon, id: int) -> Polygon:
         """A polygon of the view in px of the photograph. Parents are not kept."""
         rings = [self.points(ring) for ring in (polygon.exterior, *polygon.holes)]
-        moved = Polygon(id, rings[0], tuple(rings[1:]), polygon.score, None, polygon.label)
-        return from_shape(moved.shape, id, polygon.score, polygon.label)
+        return reshaped(replace(polygon, id=id, parent=None), shapely.Polygon(rings[0], rings[1:]))
 
 
 def view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.0) -> View:

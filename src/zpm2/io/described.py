@@ -1,0 +1,65 @@
+"""What every file says of a polygon beside its outline: our own members, and the properties that it was given with."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from zpm2.model import Counterpart, Polygon
+
+PREFIX = "source_"  # of a property whose name is one of ours
+OURS = frozenset(
+    (
+        *("area", "area_m2", "score", "parent", "label", "match", "match_id"),
+        *("confidence", "unmatched", "source_id"),
+    )
+)
+
+
+def described(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+    """Our members: area in px^2, the partner's id, the match's id; "source_id" of given regions only."""
+    return {
+        "area": polygon.area,
+        "score": polygon.score,
+        "parent": polygon.parent,
+        "label": polygon.label,
+        "match": partner and partner.polygon_id,
+        "match_id": partner and partner.match_id,
+        "confidence": partner and partner.confidence,
+        "unmatched": unmatched,
+        **({} if polygon.source_id is None else {"source_id": polygon.source_id}),
+    }
+
+
+def beside(properties: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+    """Given properties under names that are not `ours` (lower case), so that both fit into one table. `apart` undoes
+    it."""
+    return {PREFIX + name if _taken(name, ours) else name: value for name, value in properties.items()}
+
+
+def apart(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+    """The given properties of a table that `beside` made."""
+    own = {name: value for name, value in values.items() if name.lower() not in ours}
+    cut = len(PREFIX)
+    return {
+        name[cut:] if name.startswith(PREFIX) and _taken(name[cut:], ours) else name: value
+        for name, value in own.items()
+    }
+
+
+def plain(value: Any) -> Any:
+    """A value of a JSON file as one that every file can hold: null for what is not finite, "?" for half a letter."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return {plain(name): plain(item) for name, item in value.items()} if isinstance(value, dict) else value
+
+
+def _taken(name: str, ours: Collection[str]) -> bool:
+    """Whether a name is ours, or would be taken for a prefixed one."""
+    name = name.lower()
+    while name not in ours and name.startswith(PREFIX):
+        name = name[len(PREFIX) :]
+    return name in ours
