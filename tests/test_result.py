@@ -192,7 +192,19 @@ def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
 
 def test_a_missing_member_is_named(tmp_path: Path) -> None:
     members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
-    optional = {"label", "area", "nodes", "overlap", "non_overlapping", "outline", "crs", "transform", "gsd", "rpc"}
+    optional = {
+        "label",
+        "area",
+        "nodes",
+        "overlap",
+        "non_overlapping",
+        "outline",
+        "crs",
+        "transform",
+        "gsd",
+        "rpc",
+        "notes",
+    }
     missed = [p for p in members if p[-1] not in optional and not (p[0] == "matches" and p[-1] == "id")]
     assert len(missed) > 40
     for place in missed:
@@ -272,7 +284,7 @@ def test_flatten_leaves_out_matches_that_keep_too_little() -> None:
     flat = wide.flatten()
     assert [match.left for match in flat.matches] == [1, 8]
     assert areas(flat.left) == {1: 60 * 40 - 4, 2: 225, 4: 1000, 5: 900, 8: 4}
-    assert flat.warnings == ["made non-overlapping, 2 of 4 matches lost their regions"]
+    assert flat.notes == ["made non-overlapping, 2 of 4 matches lost their regions"]
     for config in ({}, {"segment": 3}, {"segment": {"min_area": None}}):
         usual = dataclasses.replace(before, config=config).flatten()
         assert [match.left for match in usual.matches] == [1, 2, 4, 8]

@@ -24,6 +24,7 @@ from zpm2.console import (
     use_weights,
 )
 from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.messages import about
 
 if TYPE_CHECKING:
     from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
@@ -233,8 +234,12 @@ def _built(
     from zpm2.cloud import build
 
     made = build(views, pairs, surface, caster, matcher.config.cloud, matcher.progress)
-    said = [f"{views[p.left].name}, {views[p.right].name}: {text}" for p in pairs for text in p.result.warnings]
-    return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=[*made.warnings, *said])
+    warnings, notes = list(made.warnings), list(made.notes)
+    for pair in pairs:
+        names = f"{views[pair.left].name}, {views[pair.right].name}"
+        warnings += about(names, pair.result.warnings)
+        notes += about(names, pair.result.notes)
+    return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=warnings, notes=notes)
 
 
 def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | None, photographs: list[Path]) -> "Rig":

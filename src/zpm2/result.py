@@ -56,7 +56,8 @@ class MatchResult:
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
     config: Mapping[str, Any]
     timings: Mapping[str, float]  # stage -> seconds
-    warnings: Sequence[str] = ()
+    warnings: Sequence[str] = ()  # what a user may have to act on
+    notes: Sequence[str] = ()  # what was done on the way
     version: str = field(default=__version__)
     non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
 
@@ -87,7 +88,7 @@ class MatchResult:
             left=_with_polygons(self.left, [pair[0] for pair in kept if pair is not None], [a for a, _ in lost]),
             right=_with_polygons(self.right, [pair[1] for pair in kept if pair is not None], [b for _, b in lost]),
             matches=matches,
-            warnings=[*self.warnings, *notes],
+            notes=[*self.notes, *notes],
             non_overlapping=True,
         )
 
@@ -167,6 +168,7 @@ class MatchResult:
             "non_overlapping": self.non_overlapping,
             "matches": [match_to_dict(match) for match in self.matches],
             "warnings": list(self.warnings),
+            "notes": list(self.notes),
         }
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
@@ -303,6 +305,7 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
         config=dict(document["config"]),
         timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
+        notes=list(document.get("notes", [])),
         version=document["version"],
         non_overlapping=document.get("non_overlapping") is True,
     )

@@ -99,7 +99,8 @@ class PolygonCloud:
     coverage: float  # 0..1, share of the surface seen by the views that the patches cover
     config: Mapping[str, Any]
     timings: Mapping[str, float]  # stage -> seconds
-    warnings: Sequence[str]
+    warnings: Sequence[str]  # what a user may have to act on
+    notes: Sequence[str] = ()  # what was done on the way
     version: str = field(default=__version__)
 
     @property
@@ -187,6 +188,7 @@ class PolygonCloud:
             "patches": [self._patch(patch) for patch in self.patches],
             "rejected": [vars(rejected) for rejected in self.rejected],
             "warnings": list(self.warnings),
+            "notes": list(self.notes),
         }
 
     def _patch(self, polygon: CloudPatch) -> dict[str, Any]:

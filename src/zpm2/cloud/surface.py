@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
+from zpm2.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -79,10 +80,10 @@ class Surface:
         flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= FLAT * float(
             np.ptp(points, axis=0) @ np.ptp(points, axis=0)
         )
-        notes += _said(int(flat.sum()), "triangles have no area, and were left out")
+        notes += map(Note, _said(int(flat.sum()), "triangles have no area, and were left out"))
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-        notes += _said(len(triangles) - len(first), "triangles are there twice, and were left out")
+        notes += map(Note, _said(len(triangles) - len(first), "triangles are there twice, and were left out"))
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")

@@ -59,7 +59,7 @@ class TiledMatcher:
                 result = run.result()
             else:
                 result = self._as_it_is(sources, least)
-            return replace(result, warnings=[*result.warnings, *_gis_notes(sources)])
+            return replace(result, warnings=[*result.warnings, *_gis_warnings(sources)])
 
     def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
         """A small pair."""
@@ -90,21 +90,21 @@ def _all(source: Source, name: str) -> Image:
     return source.read()
 
 
-def _gis_notes(sources: Sequence[Source]) -> list[str]:
+def _gis_warnings(sources: Sequence[Source]) -> list[str]:
     """What a GIS will miss."""
-    notes = [
+    found = [
         f"{side} image: its reference system has no longitude and latitude: {side}.geojson is in image px"
         for side, source in zip(SIDES, sources, strict=True)
         if source.geo.located and not source.placed
     ]
-    notes += [
+    found += [
         f"{side} image: its geotransform has no reference system, results are in image px: assign the one it is in"
         for side, source in zip(SIDES, sources, strict=True)
         if source.geo.crs is None and source.geo.transform is not None
     ]
     if any(source.geo.located for source in sources) and not has_pyogrio():
-        notes.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
-    return notes
+        found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
+    return found
 
 
 def _least(source: Source, config: Config) -> float:
