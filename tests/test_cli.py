@@ -18,7 +18,7 @@ from zpm2.detect.vectorize import rasterize
 from zpm2.pipeline import PolygonMatcher
 from zpm2.tiled import TiledMatcher
 
-FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 STAGES = ["read", "load", "points", "detect", "global", "local"]
 
 
@@ -39,7 +39,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_four_files(saved: Path) -> None:
+def test_five_files(saved: Path) -> None:
     assert sorted(p.name for p in saved.iterdir()) == FILES
     with PIL.Image.open(saved / "overlay.png") as picture:
         picture.load()

@@ -17,7 +17,7 @@ from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.model import PointMatches, Side
 
-FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 
 
 def square(id: int, x: float, side: float = 20.0, **more: Any) -> Polygon:

@@ -36,7 +36,7 @@ from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
 from zpm2.view.contact import Crop, contact_sheet, crop_window
-from zpm2.view.overlay import overlay
+from zpm2.view.overlay import overlay, unmatched
 
 SCHEMA = "zpm2-matches/1"
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
@@ -202,13 +202,23 @@ class MatchResult:
 
         `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
-        sides = self.left, self.right
+        return PIL.Image.fromarray(overlay(*self._shown(max_width), self.matches, max_width, self._sizes()))
+
+    def plot_unmatched(self, max_width: int = 2400) -> PIL.Image.Image:
+        """Both images with the polygons that have no partner, coloured by why. `InputError` as from `plot`."""
+        reasons = self.left.unmatched, self.right.unmatched
+        return PIL.Image.fromarray(unmatched(*self._shown(max_width), self.matches, reasons, max_width, self._sizes()))
+
+    def _shown(self, longest: int) -> tuple[Image, Image, Sequence[Polygon], Sequence[Polygon]]:
+        """The photographs, `longest` px or more, and their polygons."""
         left, right = (
-            _pixels(side, name, self.config, max_width) for side, name in zip(sides, ("left", "right"), strict=True)
+            _pixels(self.left, "left", self.config, longest),
+            _pixels(self.right, "right", self.config, longest),
         )
-        sizes = (self.left.width, self.left.height), (self.right.width, self.right.height)
-        pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width, sizes)
-        return PIL.Image.fromarray(pixels)
+        return left, right, self.left.polygons, self.right.polygons
+
+    def _sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (self.left.width, self.left.height), (self.right.width, self.right.height)
 
     def contact_sheet(self, count: int = SHEET, seed: int = 0) -> PIL.Image.Image:
         """Up to `count` random matches, each with its two polygons close up, to be judged by eye.
@@ -223,11 +233,11 @@ class MatchResult:
             polygons = {polygon.id: polygon for polygon in side.polygons}
             with _opened(side, name, self.config) as source:
                 crops.append([_crop(source, side, polygons[getattr(match, name)]) for match in matches])
-        captions = [f"{match.left} - {match.right}   {match.confidence:.2f}" for match in matches]
+        captions = [f"match {match.id}   (right {match.right})   {match.confidence:.2f}" for match in matches]
         return PIL.Image.fromarray(contact_sheet(list(zip(*crops, strict=True)), captions))
 
     def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
-        """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
+        """Write matches.json, left.geojson, right.geojson, overlay.png and unmatched.png into a folder; returns it.
 
         Where a photograph is located, matches.gpkg comes with them if pyogrio is installed; of large photographs a
         contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp), "coco"
@@ -235,7 +245,7 @@ class MatchResult:
         is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format without its
         package, and `InputError` as from `plot`.
         """
-        pictures = {"overlay": self.plot()}
+        pictures = {"overlay": self.plot(), "unmatched": self.plot_unmatched()}
         if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
             pictures["contact"] = self.contact_sheet()
         folder = output_folder(directory)
