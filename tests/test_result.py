@@ -317,3 +317,26 @@ def test_flatten_and_outlines_of_nothing_and_of_a_broken_result() -> None:
     for step in (0.0, -1.0, float("nan")):
         with pytest.raises(InputError, match="give a step above 0"):
             overlapping().with_outlines(step)
+
+
+def test_a_notebook_shows_the_overlay(result: MatchResult) -> None:
+    html = result._repr_html_()
+    assert html.startswith("<code>MatchResult(")
+    assert 'src="data:image/jpeg;base64,' in html
+
+
+def test_a_notebook_says_why_there_is_no_overlay(result: MatchResult, tmp_path: Path) -> None:
+    loaded = MatchResult.load(result.save(tmp_path))
+    html = dataclasses.replace(loaded, left=dataclasses.replace(loaded.left, path="<gone>.png"))._repr_html_()
+    assert "<img" not in html
+    assert "&lt;gone&gt;.png" in html
+
+
+def test_notes_come_back(result: MatchResult, tmp_path: Path) -> None:
+    noted = dataclasses.replace(result, warnings=["act"], notes=["done"])
+    loaded = MatchResult.load(noted.save(tmp_path))
+    assert (loaded.warnings, loaded.notes) == (["act"], ["done"])
+    document = noted.to_dict()
+    del document["notes"]  # as an earlier version wrote it
+    (tmp_path / "matches.json").write_text(json.dumps(document))
+    assert MatchResult.load(tmp_path).notes == []

@@ -1,7 +1,9 @@
 """What a run gives back: polygons, matches, points, geometry; to files and back, as a picture, and made exclusive."""
 
+import base64
 import contextlib
 import dataclasses
+import html
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,12 +37,14 @@ from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.model.brief import brief
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay, unmatched
 
 SCHEMA = "zpm2-matches/1"
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
 SHEET = 100  # matches on a contact sheet
+NOTEBOOK = 1600  # px, the longest side of an overlay in a notebook
 CROP = 300  # px, the longest side at which a crop of it is read
 
 
@@ -54,12 +58,14 @@ class MatchResult:
     points: PointMatches
     fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
+    config: Mapping[str, Any] = field(repr=False)
+    timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done on the way
-    version: str = field(default=__version__)
+    version: str = field(default=__version__, repr=False)
     non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
+
+    __repr__ = brief
 
     def flatten(self) -> "MatchResult":
         """The same with matched regions that exclude each other in both images, to the pixel.
@@ -219,6 +225,16 @@ class MatchResult:
 
     def _sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
         return (self.left.width, self.left.height), (self.right.width, self.right.height)
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the line of `repr` and the overlay, or why there is no overlay."""
+        line = f"<code>{html.escape(repr(self))}</code>"
+        try:
+            pixels = cv2.cvtColor(np.asarray(self.plot(NOTEBOOK)), cv2.COLOR_RGB2BGR)
+        except InputError as error:
+            return f"{line}<p>{html.escape(str(error))}</p>"
+        picture = base64.b64encode(cv2.imencode(".jpg", pixels)[1].tobytes()).decode()
+        return f'{line}<img alt="matched polygons" style="max-width: 100%" src="data:image/jpeg;base64,{picture}">'
 
     def contact_sheet(self, count: int = SHEET, seed: int = 0) -> PIL.Image.Image:
         """Up to `count` random matches, each with its two polygons close up, to be judged by eye.

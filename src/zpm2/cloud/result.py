@@ -19,6 +19,7 @@ from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
 from zpm2.model import Polygon, PosedCamera
+from zpm2.model.brief import brief
 from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
@@ -55,6 +56,8 @@ class CloudPatch:
     filled: float  # 0..1, share of its area that fills holes of the mesh
     parent: int | None = None  # id of the smallest patch that it is a part of
     level: int = 0  # number of patches around it
+
+    __repr__ = brief
 
     @property
     def label(self) -> str | None:
@@ -97,11 +100,13 @@ class PolygonCloud:
     rejected: Sequence[Rejected]
     matches: int  # of all pairs, before anything was rejected
     coverage: float  # 0..1, share of the surface seen by the views that the patches cover
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
+    config: Mapping[str, Any] = field(repr=False)
+    timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done on the way
-    version: str = field(default=__version__)
+    version: str = field(default=__version__, repr=False)
+
+    __repr__ = brief
 
     @property
     def accepted(self) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
 from zpm2.messages import Note
+from zpm2.model.brief import brief
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,6 +28,8 @@ class Surface:
     origin: Array  # (3,) what was taken off the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
     filled: int = 0  # how many of the triangles, the last ones, fill holes (`holes.fill_holes`)
+
+    __repr__ = brief
 
     @cached_property
     def corners(self) -> Array:

@@ -8,6 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
@@ -23,6 +25,8 @@ class Polygon:
     score: float = 1.0  # the segmenter's own quality, 0..1
     parent: int | None = None  # id of the smallest polygon of the same image that contains this one
     label: str | None = None  # a class name, where the source of the region gave one
+
+    __repr__ = brief
 
     @cached_property
     def shape(self) -> shapely.Polygon:
@@ -57,6 +61,8 @@ class PolygonArrays:
     centers: NDArray[np.float64] = field(init=False)  # (n, 2) image px, area centroids
     areas: NDArray[np.float64] = field(init=False)  # (n,) px^2
     bounds: NDArray[np.float64] = field(init=False)  # (n, 4) x_min, y_min, x_max, y_max, image px
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         shapes = np.empty(len(self.polygons), object)

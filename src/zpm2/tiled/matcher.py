@@ -77,11 +77,6 @@ class TiledMatcher:
         return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
 
 
-def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
-    """Match the polygons of one pair of photographs of any size. For many pairs, keep a `TiledMatcher`."""
-    return TiledMatcher(config)(left, right)
-
-
 def _all(source: Source, name: str) -> Image:
     if source.width * source.height > MAX_PIXELS:
         raise InputError(
