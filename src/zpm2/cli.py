@@ -22,6 +22,7 @@ from zpm2.console import (
     Command,
     ConfigFile,
     Device,
+    Interrupted,
     Method,
     Out,
     Preset,
@@ -32,7 +33,6 @@ from zpm2.console import (
     bars,
     choices,
     configure,
-    farewell,
     fresh_folder,
     known_formats,
     one_of,
@@ -58,6 +58,13 @@ class Commands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(self.commands, key=ORDER.index)
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does, which would swallow an interrupt with all that is said about it."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(stop) from stop
 
 
 app = typer.Typer(
@@ -91,8 +98,8 @@ def main() -> None:
             sys.exit(2)
         command = error.ctx.command_path if getattr(error, "ctx", None) else "zpm2"
         sys.exit(_complain(f"{error.format_message().rstrip('.')}; see {command} --help"))
-    except (typer.Abort, KeyboardInterrupt) as stop:
-        _complain(farewell(stop))
+    except (Interrupted, typer.Abort, KeyboardInterrupt) as stop:
+        _complain(str(stop) or "interrupted")
         sys.exit(130)
     sys.exit(status if isinstance(status, int) else 0)
 

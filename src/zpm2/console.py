@@ -252,10 +252,11 @@ def goes_on(what: str) -> Iterator[None]:
         raise
 
 
-def farewell(stop: BaseException) -> str:
-    """What is said after an interrupt: `stop`, or what typer made of it, with the notes of who knows what stays."""
-    notes = getattr(stop.__cause__ or stop, "__notes__", [])
-    return "; ".join(["interrupted", *dict.fromkeys(notes)])
+class Interrupted(Exception):
+    """A run that was interrupted; the text says what stays, by the notes of who knows."""
+
+    def __init__(self, stop: KeyboardInterrupt) -> None:
+        super().__init__("; ".join(["interrupted", *dict.fromkeys(getattr(stop, "__notes__", []))]))
 
 
 @contextmanager
