@@ -245,10 +245,23 @@ def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
     code, out, _ = run("demo", "-o", tmp_path, *quick_demo)
     assert code == 0
-    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted([*FILES, "left.png", "right.png"])
+    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted(
+        [*FILES, *(f"{side}{kind}.png" for side in ("left", "right") for kind in ("", "_labels"))]
+    )
     assert "Against the exact depth" in out
     assert f"Open {tmp_path / 'overlay.png'}" in out
     assert "zpm2 match left.png right.png -o out" in out
+
+
+def test_the_regions_of_the_demo_are_files_to_try(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
+    assert run("demo", "-o", tmp_path / "demo", *quick_demo).code == 0
+    sides = [tmp_path / "demo" / f"{side}.png" for side in ("left", "right")]
+    regions = ["--left-regions", tmp_path / "demo" / "left_labels.png"]
+    regions += ["--right-regions", tmp_path / "demo" / "right_labels.png"]
+    assert run("match", *sides, *regions, "--points", "sift", "-o", tmp_path / "out").code == 0
+    document = read(tmp_path / "out")
+    assert len(document["matches"]) > 20
+    assert np.mean([m["left"] == m["right"] for m in document["matches"]]) > 0.8
 
 
 def test_demo_as_json(run: Run, quick_demo: list[str], tmp_path: Path) -> None:

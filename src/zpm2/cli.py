@@ -254,21 +254,24 @@ def demo(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Render a stereo pair, match it with the real models, and score the matches against the exact truth."""
+    """Render a stereo pair, match it with the real models, and score the matches against the exact truth.
+
+    Writes the files of zpm2 match beside left.png and right.png, and the true regions of both as label images,
+    left_labels.png and right_labels.png, to try --left-regions and --right-regions with.
+    """
     from PIL import Image
 
     from zpm2.demo import render_scene, score
-    from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
     config = configure(preset, None, settings, {"device": device, "seed": seed})
     use_weights(weights_dir)
-    folder = output_folder(out)
-    with bars(quiet or as_json) as (progress, say):
+    with fresh_folder(out) as folder, bars(quiet or as_json) as (progress, say):
         progress("render", 0.0)
         scene = render_scene(config.seed)
-        for name, pixels in (("left", scene.left), ("right", scene.right)):
+        for name, pixels, labels in (("left", scene.left, scene.labels), ("right", scene.right, scene.labels_right)):
             Image.fromarray(pixels).save(folder / f"{name}.png")
+            Image.fromarray(labels).save(folder / f"{name}_labels.png")
         progress("render", 1.0)
         matcher = PolygonMatcher(config, progress=progress, say=say)
         result = matcher(folder / "left.png", folder / "right.png")

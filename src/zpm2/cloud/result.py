@@ -39,6 +39,11 @@ class Support:
     overlap: float  # 0..1, see `Agreement`
     distance: float | None  # units of the mesh
 
+    @property
+    def match(self) -> int:
+        """Id of the match in that pair's result, as its overlay has it (`PolygonMatch.id`)."""
+        return self.left_polygon
+
 
 @dataclass(frozen=True, eq=False)
 class CloudPatch:
@@ -88,6 +93,11 @@ class Rejected:
     left_polygon: int
     right_polygon: int
     reason: str
+
+    @property
+    def match(self) -> int:
+        """Id of the match in that pair's result."""
+        return self.left_polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +201,7 @@ class PolygonCloud:
             },
             "counts": self.counts(),
             "patches": [self._patch(patch) for patch in self.patches],
-            "rejected": [vars(rejected) for rejected in self.rejected],
+            "rejected": [{"match": rejected.match, **vars(rejected)} for rejected in self.rejected],
             "warnings": list(self.warnings),
             "notes": list(self.notes),
         }
@@ -217,7 +227,7 @@ class PolygonCloud:
             "bridged": polygon.bridged,
             "view": polygon.view,
             "views": list(polygon.views),
-            "supports": [vars(support) for support in polygon.supports],
+            "supports": [{"match": support.match, **vars(support)} for support in polygon.supports],
             "rings": [self.world(ring.points).tolist() for ring in polygon.rings],
         }
 
