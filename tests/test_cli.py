@@ -1,6 +1,8 @@
 """`zpm2 match`, `demo` and `doctor` as a person uses them. Regions are given and points are SIFT: no weights."""
 
 import json
+import re
+import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -13,12 +15,13 @@ import shapely
 from rendered import Pair, Run
 
 import zpm2
+from zpm2 import cli
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.vectorize import rasterize
 from zpm2.pipeline import PolygonMatcher
 from zpm2.tiled import TiledMatcher
 
-FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 STAGES = ["read", "load", "points", "detect", "global", "local"]
 
 
@@ -39,7 +42,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_four_files(saved: Path) -> None:
+def test_five_files(saved: Path) -> None:
     assert sorted(p.name for p in saved.iterdir()) == FILES
     with PIL.Image.open(saved / "overlay.png") as picture:
         picture.load()
@@ -242,10 +245,23 @@ def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
     code, out, _ = run("demo", "-o", tmp_path, *quick_demo)
     assert code == 0
-    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted([*FILES, "left.png", "right.png"])
+    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted(
+        [*FILES, *(f"{side}{kind}.png" for side in ("left", "right") for kind in ("", "_labels"))]
+    )
     assert "Against the exact depth" in out
     assert f"Open {tmp_path / 'overlay.png'}" in out
     assert "zpm2 match left.png right.png -o out" in out
+
+
+def test_the_regions_of_the_demo_are_files_to_try(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
+    assert run("demo", "-o", tmp_path / "demo", *quick_demo).code == 0
+    sides = [tmp_path / "demo" / f"{side}.png" for side in ("left", "right")]
+    regions = ["--left-regions", tmp_path / "demo" / "left_labels.png"]
+    regions += ["--right-regions", tmp_path / "demo" / "right_labels.png"]
+    assert run("match", *sides, *regions, "--points", "sift", "-o", tmp_path / "out").code == 0
+    document = read(tmp_path / "out")
+    assert len(document["matches"]) > 20
+    assert np.mean([m["left"] == m["right"] for m in document["matches"]]) > 0.8
 
 
 def test_demo_as_json(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
@@ -303,8 +319,143 @@ def test_an_interrupt_is_130_and_leaves_nothing(
 
     monkeypatch.setattr("zpm2.pipeline.search_candidates", interrupt)
     out = tmp_path / "out"
-    assert run("match", pair.left, pair.right, "-o", out, *pair.regions).code == 130
-    assert list(out.iterdir()) == []
+    code, _, err = run("match", pair.left, pair.right, "-o", out, *pair.regions)
+    assert (code, err.strip()) == (130, "zpm2: interrupted; nothing was written")
+    assert not out.exists()
+    out.mkdir()
+    (out / "mine.txt").touch()
+    code, _, err = run("match", pair.left, pair.right, "-o", out, *pair.regions)
+    assert (code, err.strip()) == (130, f"zpm2: interrupted; what was finished stays in {out}")
+    assert [path.name for path in out.iterdir()] == ["mine.txt"]
+
+
+def test_sigterm_ends_a_run_as_an_interrupt_does(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("zpm2.pipeline.search_candidates", lambda *_: signal.raise_signal(signal.SIGTERM))
+    code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "out", *pair.regions)
+    assert (code, err.strip()) == (130, "zpm2: interrupted; nothing was written")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_without_a_terminal_a_long_run_says_how_far_it_is(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zpm2.console.EVERY", 0.02)
+    arguments = ["match", pair.left, pair.right, "-o", tmp_path, *pair.regions]
+    said = run(*arguments).err.splitlines()
+    assert any(re.fullmatch(r"points: \d+%, \d+ s", line) for line in said)
+    for mute in ("--quiet", "--json"):
+        assert not any(re.search(r"\d+%", line) for line in run(*arguments, mute).err.splitlines())
+
+
+def test_notes_are_kept_and_not_printed(run: Run, pair: Pair, tmp_path: Path) -> None:
+    deep = np.asarray(PIL.Image.open(pair.left).convert("L")).astype(np.uint16) * 200
+    PIL.Image.fromarray(deep).save(tmp_path / "deep.png")
+    code, out, err = run("match", tmp_path / "deep.png", pair.right, "-o", tmp_path / "o", *pair.regions, "--json")
+    assert code == 0
+    assert "stretched" not in err
+    assert any("stretched" in note for note in json.loads(out)["notes"])
+    assert json.loads(out)["notes"] == read(tmp_path / "o")["notes"]
+    assert not any("stretched" in warning for warning in read(tmp_path / "o")["warnings"])
+
+
+def test_the_output_folder_has_a_usual_name(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("match", pair.left, pair.right, *pair.regions).code == 0
+    assert (tmp_path / "zpm2-match" / "matches.json").exists()
+
+
+def test_commands_come_in_the_order_of_use(run: Run) -> None:
+    listed = run("--help").out.partition("Commands:")[2]
+    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == list(cli.ORDER)
+
+
+def test_options_come_in_groups(run: Run) -> None:
+    text = run("match", "--help").out
+    titles = [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
+    expected = ["Arguments", "Results", "Method", "Your own regions", "Large and georeferenced photographs", "Run"]
+    assert [title.rstrip(":") for title in titles] == [*expected, "Options"]
+
+
+def test_help_is_as_wide_as_the_terminal(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "140")
+    assert 100 < max(map(len, run("match", "--help").out.splitlines())) <= 140
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["match"], "match"),
+        (["match", "a", "b", "--nothing"], "match"),
+        (["pose", "a"], "pose"),
+        (["weights", "path"], "weights path"),
+        (["config", "list", "x"], "config list"),
+    ],
+)
+def test_usage_errors_point_to_the_help_of_the_command(run: Run, arguments: list[str], command: str) -> None:
+    code, out, err = run(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.endswith(f"see zpm2 {command} --help\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("zpm2 c", ["cloud", "config"]),
+        ("zpm2 match --preset p", ["paper"]),
+        ("zpm2 match --quality f", ["fast", "full"]),
+        ("zpm2 match --segmenter p", ["precomputed"]),
+        ("zpm2 match --points xfeat,si", ["xfeat,sift"]),
+        ("zpm2 match --format s", ["shapefile"]),
+        ("zpm2 match --method s", ["shape-context"]),
+        ("zpm2 match --tiles o", ["on", "off"]),
+        ("zpm2 match --set guided.dir", ["guided.direction="]),
+        ("zpm2 match --set guided.direction=f", ["guided.direction=forward"]),
+        ("zpm2 pose --estimator p", ["poselib"]),
+        ("zpm2 eval midd", ["middlebury"]),
+        ("zpm2 weights get mobile", ["mobile_sam"]),
+    ],
+)
+def test_the_shell_completes_values(run: Run, words: str, expected: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("_ZPM2_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert sorted(run().out.split()) == sorted(expected)
+
+
+def test_config_list_has_every_field_with_type_value_and_meaning(run: Run) -> None:
+    rows = json.loads(run("config", "list", "--json").out)
+    assert len(rows) == len({row["option"] for row in rows}) > 60
+    row = {row["option"]: row for row in rows}
+    assert row["segment.grid"] == {
+        "option": "segment.grid",
+        "type": "int",
+        "value": 32,
+        "meaning": "prompts along each image side, grid x grid in all",
+    }
+    assert row["segment.quality"]["type"] == "fast | balanced | full"
+    assert row["points.methods"]["type"] == "str,..."
+    assert row["seed"]["meaning"]
+    assert {row["segment.quality"]["value"]} != {
+        row["value"]
+        for row in json.loads(run("config", "list", "--preset", "paper", "--json").out)
+        if row["option"] == "segment.quality"
+    }
+    text = run("config", "list").out.splitlines()
+    assert [line.split()[0] for line in text] == list(row)
+
+
+@pytest.mark.parametrize("preset", ["paper", "default"])
+def test_config_show_is_a_file_for_config(run: Run, tmp_path: Path, preset: str) -> None:
+    for ending, extra in (("toml", []), ("json", ["--json"])):
+        file = tmp_path / f"shown.{ending}"
+        file.write_text(run("config", "show", "--preset", preset, "--set", "segment.grid=7", *extra).out)
+        expected = zpm2.config.assign(zpm2.preset(preset), ["segment.grid=7"])
+        assert zpm2.config.load(file) == expected
 
 
 def test_standard_error_is_not_a_terminal_here() -> None:

@@ -74,6 +74,15 @@ def test_depth_is_exact_on_the_wall_and_the_occlusion_is_that_of_a_z_buffer(scen
     assert (seen == ~scene.occluded).mean() > 0.985
 
 
+def test_labels_name_the_same_surface_in_both_images(scene):
+    assert scene.labels.min() >= 1
+    x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    there = np.floor(x + 0.5 - scene.disparity).astype(int)
+    sure = _inner(scene.occluded, scene.disparity) & (there >= 0)
+    same = scene.labels[sure] == scene.labels_right[y[sure], there[sure]]
+    assert same.mean() > 0.97
+
+
 def test_the_same_seed_gives_the_same_bytes_and_another_one_another_scene():
     first, again, other = (render_scene(seed, 96, 54) for seed in (3, 3, 4))
     for name in ("left", "right", "disparity", "disparity_right", "occluded", "occluded_right"):

@@ -47,11 +47,11 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the files that the pages speak of."""
-    for side in ("left", "right"):
-        picture = PIL.Image.open(getattr(pair, side))
-        picture.save(tmp_path / f"{side}.png")
-        labels = PIL.Image.open(getattr(pair, f"{side}_regions"))
-        labels.save(tmp_path / f"{side}_labels.png")
+    (tmp_path / "zpm2-demo").mkdir()
+    for folder in (tmp_path, tmp_path / "zpm2-demo"):
+        for side in ("left", "right"):
+            shutil.copy(getattr(pair, side), folder / f"{side}.png")
+            shutil.copy(getattr(pair, f"{side}_regions"), folder / f"{side}_labels.png")
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))

@@ -45,3 +45,23 @@ def test_star_import() -> None:
     names: dict[str, object] = {}
     exec("from zpm2 import *", names)
     assert names["match"] is zpm2.match
+
+
+def test_modules_resolve_without_being_imported() -> None:
+    code = "import zpm2\nfor name in ('pose', 'cloud', 'result', 'config', 'io'): assert getattr(zpm2, name).__name__"
+    loaded_by(code)
+    assert loaded_by("import zpm2; zpm2.config; zpm2.errors; hasattr(zpm2, 'torch'); hasattr(zpm2, '_no')") == set()
+
+
+def test_a_module_that_misses_a_dependency_says_which(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError("No module named 'elsewhere'", name="elsewhere")
+
+    monkeypatch.setattr(zpm2, "import_module", missing)
+    with pytest.raises(ModuleNotFoundError, match="elsewhere"):
+        zpm2.some_module  # noqa: B018
+
+
+def test_python_m_zpm2() -> None:
+    done = subprocess.run([sys.executable, "-m", "zpm2", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{zpm2.__version__}\n"

@@ -93,7 +93,7 @@ def test_inputs_of_every_kind_agree(pair: Pair, result: MatchResult) -> None:
         matcher(scene.left / 255, scene.right.astype(np.int32)),
         from_pil,
     ):
-        assert {**content(other), "warnings": None} == {**content(result), "warnings": None}
+        assert {**content(other), "notes": None} == {**content(result), "notes": None}
     assert result.left.path == str(pair.left)
     assert matcher(scene.left, scene.right).left.path is None
 
@@ -105,7 +105,7 @@ def test_grey_and_16_bit_arrays(pair: Pair) -> None:
     assert len(plain.matches) > 30
     deep = matcher(*(g.astype(np.uint16) * 257 for g in grey))
     assert len(set(pairs_of(deep)) & set(pairs_of(plain))) > 0.9 * len(plain.matches)
-    assert any("16-bit" in warning for warning in deep.warnings)
+    assert any("16-bit" in note for note in deep.notes)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,7 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_polygons_that_no_texture_places_are_told() -> None:
     uniform = np.full((240, 400, 3), 90, np.uint8)
     found = PolygonMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))(uniform, uniform)
-    told = [text for text in found.warnings if "stay where the geometry predicts them" in text]
+    told = [text for text in found.notes if "stay where the geometry predicts them" in text]
     assert len(told) == 1
     assert told[0].startswith("60 of 60 left polygons")
     assert "without texture that correlates" in told[0]

@@ -17,7 +17,7 @@ from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.model import PointMatches, Side
 
-FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson"]
+FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 
 
 def square(id: int, x: float, side: float = 20.0, **more: Any) -> Polygon:
@@ -197,7 +197,7 @@ def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
 def test_a_missing_member_is_named(tmp_path: Path) -> None:
     members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
     optional = {"label", "area", "nodes", "overlap", "non_overlapping", "outline", "crs", "transform", "gsd", "rpc"}
-    optional |= {"failed", "source_id", "properties"}
+    optional |= {"failed", "source_id", "properties", "notes"}
     missed = [p for p in members if not optional & set(p) and not (p[0] == "matches" and p[-1] == "id")]
     assert len(missed) > 40
     for place in missed:
@@ -277,7 +277,7 @@ def test_flatten_leaves_out_matches_that_keep_too_little() -> None:
     flat = wide.flatten()
     assert [match.left for match in flat.matches] == [1, 8]
     assert areas(flat.left) == {1: 60 * 40 - 4, 2: 225, 4: 1000, 5: 900, 8: 4}
-    assert flat.warnings == ["made non-overlapping, 2 of 4 matches lost their regions"]
+    assert flat.notes == ["made non-overlapping, 2 of 4 matches lost their regions"]
     for config in ({}, {"segment": 3}, {"segment": {"min_area": None}}):
         usual = dataclasses.replace(before, config=config).flatten()
         assert [match.left for match in usual.matches] == [1, 2, 4, 8]
@@ -352,3 +352,26 @@ def test_flatten_and_outlines_of_nothing_and_of_a_broken_result() -> None:
     for step in (0.0, -1.0, float("nan")):
         with pytest.raises(InputError, match="give a step above 0"):
             overlapping().with_outlines(step)
+
+
+def test_a_notebook_shows_the_overlay(result: MatchResult) -> None:
+    html = result._repr_html_()
+    assert html.startswith("<code>MatchResult(")
+    assert 'src="data:image/jpeg;base64,' in html
+
+
+def test_a_notebook_says_why_there_is_no_overlay(result: MatchResult, tmp_path: Path) -> None:
+    loaded = MatchResult.load(result.save(tmp_path))
+    html = dataclasses.replace(loaded, left=dataclasses.replace(loaded.left, path="<gone>.png"))._repr_html_()
+    assert "<img" not in html
+    assert "&lt;gone&gt;.png" in html
+
+
+def test_notes_come_back(result: MatchResult, tmp_path: Path) -> None:
+    noted = dataclasses.replace(result, warnings=["act"], notes=["done"])
+    loaded = MatchResult.load(noted.save(tmp_path))
+    assert (loaded.warnings, loaded.notes) == (["act"], ["done"])
+    document = noted.to_dict()
+    del document["notes"]  # as an earlier version wrote it
+    (tmp_path / "matches.json").write_text(json.dumps(document))
+    assert MatchResult.load(tmp_path).notes == []

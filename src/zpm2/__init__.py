@@ -3,7 +3,8 @@
     result = zpm2.match("left.png", "right.png")
     result.save("out")
 
-Names are loaded when first used, so that `import zpm2` is quick and loads no network library.
+Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded when first used, so that `import zpm2` is
+quick and loads no network library.
 """
 
 from importlib import import_module
@@ -14,10 +15,11 @@ from zpm2._version import __version__
 if TYPE_CHECKING:
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
+    from zpm2.methods import match
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
-    from zpm2.tiled import TiledMatcher, match
+    from zpm2.tiled import TiledMatcher
 
 __all__ = [
     "Config",
@@ -42,15 +44,21 @@ _HOME = {
     "PolygonMatcher": "zpm2.pipeline",
     "TiledMatcher": "zpm2.tiled",
     "Zpm2Error": "zpm2.errors",
-    "match": "zpm2.tiled",
+    "match": "zpm2.methods",
     "preset": "zpm2.config",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'zpm2' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    if not name.startswith("_"):
+        try:
+            return import_module(f"zpm2.{name}")
+        except ModuleNotFoundError as error:
+            if error.name != f"zpm2.{name}":
+                raise
+    raise AttributeError(f"module 'zpm2' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""The command line: `zpm2 match`, `pose`, `cloud`, `reconstruct`, `eval`, `demo`, `doctor`, `weights`."""
+"""The command line: `zpm2 demo`, `match`, `pose`, `reconstruct`, `cloud`, `eval`, `config`, `weights`, `doctor`."""
 
 import json
 import shutil
@@ -8,62 +8,98 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from zpm2._version import __version__
 from zpm2.cloud_cli import cloud
+from zpm2.config_cli import app as config_app
 from zpm2.console import (
+    LARGE,
+    METHOD,
+    REGIONS,
+    RESULT,
     AsJson,
+    Command,
     ConfigFile,
     Device,
+    Interrupted,
+    Method,
+    Out,
     Preset,
     Quiet,
     Seed,
     Settings,
     WeightsDir,
     bars,
+    choices,
     configure,
     fresh_folder,
+    known_formats,
+    one_of,
+    point_methods,
+    terminable,
     use_weights,
 )
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.eval_cli import evaluate
-from zpm2.methods import check_method, open_method
+from zpm2.methods import check_method, finished, open_method, own_regions
 from zpm2.pose_cli import pose
 from zpm2.reconstruct_cli import reconstruct
 from zpm2.weights_cli import app as weights_app
 
 if TYPE_CHECKING:
-    from zpm2.config import Config
-    from zpm2.detect.protocol import Segmenter
     from zpm2.result import MatchResult
 
+ORDER = ("demo", "match", "pose", "reconstruct", "cloud", "eval", "config", "weights", "doctor")
+
+
+class Commands(TyperGroup):
+    """The commands in the order of use."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return sorted(self.commands, key=ORDER.index)
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does, which would swallow an interrupt with all that is said about it."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(stop) from stop
+
+
 app = typer.Typer(
-    help="Match polygons between two overlapping photographs.", no_args_is_help=True, rich_markup_mode=None
+    cls=Commands,
+    help="Match polygons between two overlapping photographs.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    context_settings={"max_content_width": 1000},  # as wide as the terminal
 )
+app.add_typer(config_app, name="config")
 app.add_typer(weights_app, name="weights")
-app.command("eval")(evaluate)
-app.command("pose")(pose)
-app.command("cloud")(cloud)
-app.command("reconstruct")(reconstruct)
+for name, command in (("eval", evaluate), ("pose", pose), ("cloud", cloud), ("reconstruct", reconstruct)):
+    app.command(name, cls=Command)(command)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
-SEGMENTERS = ("mobile_sam", "vit_b", "vit_l", "vit_h", "precomputed")
+SEGMENTERS = (*choices("segment.model")(), "precomputed")
 
 
 def main() -> None:
-    """Entry point. Misuse prints one line and exits with 2; an interrupt exits with 130."""
+    """Entry point. Misuse prints one line and exits with 2; an interrupt says what stays and exits with 130."""
     try:
-        status = app(prog_name="zpm2", standalone_mode=False)
+        with terminable():
+            status = app(prog_name="zpm2", standalone_mode=False)
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
     except UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message(), file=sys.stderr)
             sys.exit(2)
-        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see zpm2 --help"))
-    except (typer.Abort, KeyboardInterrupt):
+        command = error.ctx.command_path if getattr(error, "ctx", None) else "zpm2"
+        sys.exit(_complain(f"{error.format_message().rstrip('.')}; see {command} --help"))
+    except (Interrupted, typer.Abort, KeyboardInterrupt) as stop:
+        _complain(str(stop) or "interrupted")
         sys.exit(130)
     sys.exit(status if isinstance(status, int) else 0)
 
@@ -83,44 +119,89 @@ def root(
         raise typer.Exit
 
 
-@app.command("match")
+@app.command("match", cls=Command)
 def match_command(
     left: Annotated[Path, typer.Argument(help="Left photograph.")],
     right: Annotated[Path, typer.Argument(help="Right photograph.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
-    preset: Preset = "default",
-    config_file: ConfigFile = None,
-    settings: Settings = None,
-    segmenter: Annotated[
-        str | None, typer.Option(help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).")
+    out: Out = Path("zpm2-match"),
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="More files: gpkg, shapefile, coco. Repeatable.",
+            rich_help_panel=RESULT,
+            autocompletion=one_of(known_formats),
+        ),
     ] = None,
-    quality: Annotated[
-        str | None, typer.Option(help="fast, balanced or full: how many of the prompts are asked.  [default: preset's]")
-    ] = None,
-    left_regions: Annotated[Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.")] = None,
-    right_regions: Annotated[Path | None, typer.Option(help="The same, right.")] = None,
-    method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
-    points: Annotated[str | None, typer.Option(help="Point matchers, comma separated: xfeat,sift.")] = None,
     non_overlapping: Annotated[
-        bool, typer.Option("--non-overlapping", help="Give each pixel to one match at most.")
+        bool,
+        typer.Option("--non-overlapping", help="Give each pixel to one match at most.", rich_help_panel=RESULT),
     ] = False,
     outlines: Annotated[
-        bool, typer.Option("--outlines", help="Pair the outlines of each match, point by point, in matches.json.")
+        bool,
+        typer.Option(
+            "--outlines",
+            help="Pair the outlines of each match, point by point, in matches.json.",
+            rich_help_panel=RESULT,
+        ),
     ] = False,
+    preset: Preset = "default",
+    quality: Annotated[
+        str | None,
+        typer.Option(
+            help="fast, balanced or full: how many of the prompts are asked.  [default: preset's]",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(choices("segment.quality")),
+        ),
+    ] = None,
+    segmenter: Annotated[
+        str | None,
+        typer.Option(
+            help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(lambda: SEGMENTERS),
+        ),
+    ] = None,
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="Point matchers, comma separated: xfeat,sift.",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(point_methods),
+        ),
+    ] = None,
+    method: Method = "zpm2",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    left_regions: Annotated[
+        Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.", rich_help_panel=REGIONS)
+    ] = None,
+    right_regions: Annotated[Path | None, typer.Option(help="The same, right.", rich_help_panel=REGIONS)] = None,
     tiles: Annotated[
-        str | None, typer.Option(help="auto, on or off: large photographs tile by tile.  [default: preset's]")
+        str | None,
+        typer.Option(
+            help="auto, on or off: large photographs tile by tile.  [default: preset's]",
+            rich_help_panel=LARGE,
+            autocompletion=one_of(choices("tiles.mode")),
+        ),
     ] = None,
     bands: Annotated[
-        str | None, typer.Option(help="One band or three (red,green,blue), from 1 on.  [default: as the file says]")
+        str | None,
+        typer.Option(
+            help="One band or three (red,green,blue), from 1 on.  [default: as the file says]", rich_help_panel=LARGE
+        ),
     ] = None,
     gsd: Annotated[
-        str | None, typer.Option(help="m on the ground per px, one or left,right.  [default: as the files say]")
+        str | None,
+        typer.Option(
+            help="m on the ground per px, one or left,right.  [default: as the files say]", rich_help_panel=LARGE
+        ),
     ] = None,
     min_area_m2: Annotated[
-        float | None, typer.Option("--min-area-m2", help="Leave out polygons smaller than this on the ground.")
-    ] = None,
-    formats: Annotated[
-        list[str] | None, typer.Option("--format", help="More files: gpkg, shapefile, coco. Repeatable.")
+        float | None,
+        typer.Option(
+            "--min-area-m2", help="Leave out polygons smaller than this on the ground.", rich_help_panel=LARGE
+        ),
     ] = None,
     device: Device = None,
     seed: Seed = None,
@@ -130,43 +211,41 @@ def match_command(
 ) -> None:
     """Match the polygons of two photographs.
 
-    Writes matches.json, left.geojson, right.geojson and overlay.png; for georeferenced photographs matches.gpkg, for
-    large ones contact.png. A large run that is interrupted goes on where it was when it is started again.
+    Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; for georeferenced photographs
+    matches.gpkg, for large ones contact.png. A large run that is interrupted goes on where it was when it is started
+    again.
     """
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
-    model = None if segmenter == "precomputed" else segmenter
     options = {
-        "segment.model": model,
-        "segment.quality": quality,
-        "points.methods": points,
-        "tiles.mode": tiles,
-        "raster.bands": bands,
-        "raster.gsd": gsd,
-        "raster.min_area_m2": min_area_m2,
+        "segmenter": None if segmenter == "precomputed" else segmenter,
+        "quality": quality,
+        "points": points,
+        "tiles": tiles,
+        "bands": bands,
+        "gsd": gsd,
+        "min_area_m2": min_area_m2,
         "device": device,
         "seed": seed,
     }
     config = configure(preset, config_file, settings, options)
     formats = _formats(formats)
-    own = _own_regions(segmenter, left_regions, right_regions, config)
+    own = own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
     with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
         kept = out / "tiles"
         more = {"kept": kept} if method == "zpm2" else {}
         matcher = open_method(method, config, segmenter=own, progress=progress, say=say, **more)
-        result = matcher(left, right)
-        result = result.flatten() if non_overlapping else result
-        result = result.with_outlines() if outlines else result
+        result = finished(matcher(left, right), non_overlapping, outlines)
         result.save(out, formats)
         shutil.rmtree(kept, ignore_errors=True)
     _report(result, out, quiet, as_json)
 
 
-@app.command()
+@app.command(cls=Command)
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")] = Path("zpm2-demo"),
+    out: Out = Path("zpm2-demo"),
     preset: Preset = "default",
     settings: Settings = None,
     device: Device = None,
@@ -175,21 +254,24 @@ def demo(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Render a stereo pair, match it with the real models, and score the matches against the exact truth."""
+    """Render a stereo pair, match it with the real models, and score the matches against the exact truth.
+
+    Writes the files of zpm2 match beside left.png and right.png, and the true regions of both as label images,
+    left_labels.png and right_labels.png, to try --left-regions and --right-regions with.
+    """
     from PIL import Image
 
     from zpm2.demo import render_scene, score
-    from zpm2.io.files import output_folder
     from zpm2.pipeline import PolygonMatcher
 
     config = configure(preset, None, settings, {"device": device, "seed": seed})
     use_weights(weights_dir)
-    folder = output_folder(out)
-    with bars(quiet or as_json) as (progress, say):
+    with fresh_folder(out) as folder, bars(quiet or as_json) as (progress, say):
         progress("render", 0.0)
         scene = render_scene(config.seed)
-        for name, pixels in (("left", scene.left), ("right", scene.right)):
+        for name, pixels, labels in (("left", scene.left, scene.labels), ("right", scene.right, scene.labels_right)):
             Image.fromarray(pixels).save(folder / f"{name}.png")
+            Image.fromarray(labels).save(folder / f"{name}_labels.png")
         progress("render", 1.0)
         matcher = PolygonMatcher(config, progress=progress, say=say)
         result = matcher(folder / "left.png", folder / "right.png")
@@ -204,7 +286,7 @@ def demo(
         print(f"Open {folder / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
 
 
-@app.command()
+@app.command(cls=Command)
 def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
     """Versions, devices, cache and weights: what to send along with a question."""
     from zpm2.doctor import examine
@@ -233,19 +315,6 @@ def _formats(names: list[str] | None) -> list[str]:
     return names or []
 
 
-def _own_regions(
-    segmenter: str | None, left: Path | None, right: Path | None, config: "Config"
-) -> "tuple[Segmenter, Segmenter] | None":
-    if segmenter != "precomputed" and left is None and right is None:
-        return None
-    if segmenter not in (None, "precomputed") or left is None or right is None:
-        raise ConfigError("own regions need all of: --segmenter precomputed --left-regions FILE --right-regions FILE")
-    from zpm2.detect.precomputed import PrecomputedSegmenter
-
-    sides = [PrecomputedSegmenter(path, config.vectorize, config.segment.min_area) for path in (left, right)]
-    return sides[0], sides[1]
-
-
 def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
@@ -263,6 +332,7 @@ def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: 
         },
         "seconds": {stage: round(seconds, 2) for stage, seconds in result.timings.items()},
         "warnings": list(result.warnings),
+        "notes": list(result.notes),
         "out": str(out),
         **(more or {}),
     }

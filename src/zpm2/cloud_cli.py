@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from zpm2.console import (
+    RESULT,
     AsJson,
     ConfigFile,
     Device,
+    Out,
     Preset,
     Quiet,
     Seed,
@@ -21,9 +23,11 @@ from zpm2.console import (
     bars,
     configure,
     fresh_folder,
+    goes_on,
     use_weights,
 )
 from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.messages import about
 
 if TYPE_CHECKING:
     from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
@@ -32,6 +36,8 @@ if TYPE_CHECKING:
     from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
 
+WORKSPACE = "A workspace"  # groups of options in the help
+STEREO = "A rectified pair"
 UNMATCHED = ("cloud", "pose", "device")  # stages of a configuration that do not change matches
 
 
@@ -39,37 +45,65 @@ def cloud(
     inputs: Annotated[
         list[Path], typer.Argument(help="A workspace (photographs, cameras, mesh), or with --stereo two photographs.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
-    mesh: Annotated[Path | None, typer.Option(help="The mesh, where the workspace has none or several.")] = None,
-    images: Annotated[Path | None, typer.Option(help="Folder of the photographs, if not in the usual place.")] = None,
+    out: Out = Path("zpm2-cloud"),
+    mesh: Annotated[
+        Path | None, typer.Option(help="The mesh, where the workspace has none or several.", rich_help_panel=WORKSPACE)
+    ] = None,
+    images: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the photographs, if not in the usual place.", rich_help_panel=WORKSPACE),
+    ] = None,
     cameras: Annotated[
-        Path | None, typer.Option(help="COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.")
+        Path | None,
+        typer.Option(
+            help="COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.", rich_help_panel=WORKSPACE
+        ),
     ] = None,
     stereo: Annotated[
-        bool, typer.Option("--stereo", help="Take the surface from a rectified, calibrated pair alone.")
+        bool,
+        typer.Option(
+            "--stereo", help="Take the surface from a rectified, calibrated pair alone.", rich_help_panel=STEREO
+        ),
     ] = False,
-    calib: Annotated[Path | None, typer.Option(help="With --stereo: calibration file of Middlebury or KITTI.")] = None,
-    k: Annotated[
-        str | None, typer.Option("--K", help="With --stereo: fx,fy,cx,cy of the left camera, as for zpm2 pose.")
+    calib: Annotated[
+        Path | None,
+        typer.Option(help="With --stereo: calibration file of Middlebury or KITTI.", rich_help_panel=STEREO),
     ] = None,
-    k2: Annotated[str | None, typer.Option("--K2", help="The right camera.  [default: as the left one]")] = None,
+    k: Annotated[
+        str | None,
+        typer.Option(
+            "--K", help="With --stereo: fx,fy,cx,cy of the left camera, as for zpm2 pose.", rich_help_panel=STEREO
+        ),
+    ] = None,
+    k2: Annotated[
+        str | None, typer.Option("--K2", help="The right camera.  [default: as the left one]", rich_help_panel=STEREO)
+    ] = None,
     baseline: Annotated[
-        float | None, typer.Option(help="With --K: distance of the cameras, in the unit of the cloud.")
+        float | None,
+        typer.Option(help="With --K: distance of the cameras, in the unit of the cloud.", rich_help_panel=STEREO),
     ] = None,
     disparity: Annotated[
-        Path | None, typer.Option(help="With --stereo: disparity of the left image (.pfm, .png, .npy).")
+        Path | None,
+        typer.Option(help="With --stereo: disparity of the left image (.pfm, .png, .npy).", rich_help_panel=STEREO),
     ] = None,
-    disparity_scale: Annotated[float, typer.Option(help="What the values of --disparity are divided by.")] = 1.0,
+    disparity_scale: Annotated[
+        float, typer.Option(help="What the values of --disparity are divided by.", rich_help_panel=STEREO)
+    ] = 1.0,
     matches: Annotated[
-        Path | None, typer.Option(help="With --stereo: take the matches of this folder of zpm2 match.")
+        Path | None,
+        typer.Option(help="With --stereo: take the matches of this folder of zpm2 match.", rich_help_panel=STEREO),
     ] = None,
     non_overlapping: Annotated[
-        bool, typer.Option("--non-overlapping", help="Every pixel belongs to one match at most.")
+        bool,
+        typer.Option("--non-overlapping", help="Every pixel belongs to one match at most.", rich_help_panel=RESULT),
     ] = False,
     spacing: Annotated[
-        float | None, typer.Option(help="Of the sampled points, in the mesh's unit.  [default: 200,000 points]")
+        float | None,
+        typer.Option(
+            help="Of the sampled points, in the mesh's unit.  [default: 200,000 points]", rich_help_panel=RESULT
+        ),
     ] = None,
-    las: Annotated[bool, typer.Option("--las", help="Write points.las too.")] = False,
+    las: Annotated[bool, typer.Option("--las", help="Write points.las too.", rich_help_panel=RESULT)] = False,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -99,7 +133,8 @@ def cloud(
     if las:
         require_laspy()
     use_weights(weights_dir)
-    with fresh_folder(out, *inputs), bars(quiet or as_json) as (progress, say):
+    going_on = goes_on(f"matched pairs stay in {out / 'pairs'}")
+    with fresh_folder(out, *inputs), going_on, bars(quiet or as_json) as (progress, say):
         matcher = _Matcher(config, progress, say, out)
         if stereo:
             rig = _rig(calib, k, k2, baseline, inputs)
@@ -233,8 +268,12 @@ def _built(
     from zpm2.cloud import build
 
     made = build(views, pairs, surface, caster, matcher.config.cloud, matcher.progress)
-    said = [f"{views[p.left].name}, {views[p.right].name}: {text}" for p in pairs for text in p.result.warnings]
-    return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=[*made.warnings, *said])
+    warnings, notes = list(made.warnings), list(made.notes)
+    for pair in pairs:
+        names = f"{views[pair.left].name}, {views[pair.right].name}"
+        warnings += about(names, pair.result.warnings)
+        notes += about(names, pair.result.notes)
+    return dataclasses.replace(made, config=matcher.config.to_dict(), warnings=warnings, notes=notes)
 
 
 def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | None, photographs: list[Path]) -> "Rig":
@@ -263,6 +302,7 @@ def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, a
         print(f"warning: {warning}", file=sys.stderr)
     if as_json:
         summary = {"counts": found.counts(), "timings": dict(found.timings), "warnings": list(found.warnings)}
+        summary["notes"] = list(found.notes)
         print(json.dumps(summary | {"out": str(out)}))
         return
     if quiet:

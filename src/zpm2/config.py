@@ -5,11 +5,14 @@ that we know, measured. A configuration is a value: compare it, print it, write 
 """
 
 import dataclasses
+import inspect
 import json
+import re
+import sys
 import tomllib
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -22,7 +25,7 @@ from zpm2.errors import ConfigError
 class SegmentConfig:
     """Regions from pixels (paper 3.2). Thresholds are those of SAM's automatic mask generator."""
 
-    model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = "mobile_sam"
+    model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = "mobile_sam"  # MobileSAM, or one of the larger SAMs
     backend: Literal["auto", "openvino", "torch"] = "auto"  # auto: openvino on a CPU where it is installed, else torch
     grid: int = 32  # prompts along each image side, grid x grid in all
     quality: Literal["fast", "balanced", "full"] = "full"  # full: all prompts; else those where something new may lie
@@ -160,7 +163,7 @@ class Config:
     tiles: TilesConfig = field(default_factory=TilesConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
-    seed: int = 0
+    seed: int = 0  # of everything random
     device: str = "auto"  # auto, cpu, cuda
 
     def __post_init__(self) -> None:
@@ -219,6 +222,53 @@ def assign(config: Config, settings: Sequence[str]) -> Config:
             values = {name: values}
         config = Config.from_dict(values, config)
     return config
+
+
+def with_options(config: Config, options: Mapping[str, Any]) -> Config:
+    """`config` with those `options`, by their names in `OPTIONS`, that are not None.
+
+    >>> with_options(Config(), {"quality": "fast", "seed": None}).segment.quality
+    'fast'
+    """
+    for name, value in options.items():
+        if name not in OPTIONS:
+            raise ConfigError(f"unknown option '{name}'{_hint(name, OPTIONS)}; options are: {', '.join(OPTIONS)}")
+        if value is not None:
+            for part in reversed(OPTIONS[name].split(".")):
+                value = {part: value}
+            config = Config.from_dict(value, config)
+    return config
+
+
+def choices(key: str) -> tuple[str, ...]:
+    """The values that a "stage.field" may have, where they are words that can be told; else none."""
+    kind: Any = Config
+    for part in key.split("."):
+        kind = typing.get_type_hints(kind)[part]
+    return typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+
+
+def describe(config: Config) -> Iterator[tuple[str, str, Any, str]]:
+    """Of every field "stage.field", its type, its value in `config`, and what it means (the comment beside it here)."""
+    source = inspect.getsource(sys.modules[__name__])
+    for stage in dataclasses.fields(config):
+        value = getattr(config, stage.name)
+        holder, prefix = (value, f"{stage.name}.") if dataclasses.is_dataclass(value) else (config, "")
+        body = source[source.index(f"class {type(holder).__name__}:") :]
+        for item in dataclasses.fields(holder) if prefix else [stage]:
+            kind = typing.get_type_hints(type(holder))[item.name]
+            comment = re.search(rf"^    {item.name}: .*?(?:# (.*))?$", body, re.M)
+            meaning = comment[1] or "" if comment else ""
+            yield prefix + item.name, _type_name(kind), getattr(holder, item.name), meaning
+
+
+def _type_name(kind: Any) -> str:
+    arguments = typing.get_args(kind)
+    if typing.get_origin(kind) is Literal:
+        return " | ".join(arguments)
+    if typing.get_origin(kind) is tuple:
+        return f"{_type_name(arguments[0])},..."
+    return str(kind.__name__)
 
 
 def _check_range(name: str, value: Any) -> None:
@@ -299,7 +349,7 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
             return value
         raise ConfigError(f"{name} must be one of {', '.join(choices)}, got '{value}'")
     if origin is tuple:
-        parts = value.split(",") if isinstance(value, str) else value
+        parts = value.split(",") if isinstance(value, str) else (value,) if isinstance(value, int | float) else value
         if not isinstance(parts, list | tuple):
             raise ConfigError(f"{name} must be a list, got '{value}'")
         return tuple(_convert(p.strip() if isinstance(p, str) else p, typing.get_args(kind)[0], name) for p in parts)
@@ -336,6 +386,20 @@ SHARES = (
     "cloud.min_overlap",
     "cloud.same",
 )
+
+# What the command line and `zpm2.match` call the fields that are set most often.
+OPTIONS = {
+    "segmenter": "segment.model",
+    "quality": "segment.quality",
+    "points": "points.methods",
+    "tiles": "tiles.mode",
+    "bands": "raster.bands",
+    "gsd": "raster.gsd",
+    "min_area_m2": "raster.min_area_m2",
+    "estimator": "pose.estimator",
+    "device": "device",
+    "seed": "seed",
+}
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),

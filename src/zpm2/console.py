@@ -1,39 +1,169 @@
-"""What the commands share: their common options, the configuration that these make, progress bars, weights."""
+"""What the commands share: their options and help, the configuration that these make, progress, interrupts, weights."""
 
 import os
-from collections.abc import Callable, Iterator
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.config import Config
 
-Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")]
-Device = Annotated[str | None, typer.Option(help="auto, cpu or cuda.  [default: auto]")]
-Seed = Annotated[
-    int | None, typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]")
+# groups of options in the help
+RESULT = "Results"
+METHOD = "Method"
+REGIONS = "Your own regions"
+CAMERAS = "Cameras"
+LARGE = "Large and georeferenced photographs"
+RUN = "Run"
+
+EVERY = 30.0  # seconds between the lines about a run where no bar can be shown
+
+
+class Command(TyperCommand):
+    """A command whose help has the options in their groups."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, then each group in the order of its first option."""
+        groups: dict[str, list[Any]] = {}
+        for item in self.get_params(ctx):
+            record = item.get_help_record(ctx)
+            if record is not None:
+                usual = "Arguments" if item.param_type_name == "argument" else "Options"
+                groups.setdefault(getattr(item, "rich_help_panel", None) or usual, []).append(record)
+        for title, records in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+def one_of(values: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Completes one of some values, in a list after its last comma. They are looked up when the shell asks."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + value for value in values() if value.startswith(last)]
+
+    return complete
+
+
+def choices(key: str) -> Callable[[], Iterable[str]]:
+    """The values of a field of the configuration."""
+
+    def values() -> Iterable[str]:
+        from zpm2 import config
+
+        return config.choices(key)
+
+    return values
+
+
+def presets() -> Iterable[str]:
+    """The names of the presets."""
+    from zpm2 import config
+
+    return config.PRESETS
+
+
+def settings_of(incomplete: str) -> list[str]:
+    """Completes stage.field=value."""
+    from zpm2 import config
+
+    key, equals, _ = incomplete.partition("=")
+    found = [name for name, *_ in config.describe(config.Config()) if name.startswith(key)]
+    if not equals:
+        return [f"{name}=" for name in found]
+    return [text for text in (f"{key}={value}" for value in config.choices(key)) if text.startswith(incomplete)]
+
+
+def known_formats() -> Iterable[str]:
+    """The file formats that can be asked for."""
+    from zpm2.result import FORMATS
+
+    return FORMATS
+
+
+def point_methods() -> Iterable[str]:
+    """The names of the point matchers."""
+    from zpm2.features import METHODS
+
+    return METHODS
+
+
+def methods() -> Iterable[str]:
+    """The names of whole methods."""
+    from zpm2.methods import METHODS
+
+    return METHODS
+
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", rich_help_panel=RESULT)]
+Preset = Annotated[
+    str,
+    typer.Option(
+        help="paper: the published method and numbers. default: the best we know.",
+        rich_help_panel=METHOD,
+        autocompletion=one_of(presets),
+    ),
 ]
-WeightsDir = Annotated[Path | None, typer.Option(help="A folder with your own copies of the weights.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+Method = Annotated[
+    str,
+    typer.Option(
+        help="zpm2, or a classical baseline: shape-context, idsc.",
+        rich_help_panel=METHOD,
+        autocompletion=one_of(methods),
+    ),
+]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.", rich_help_panel=METHOD)
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="STAGE.FIELD=VALUE",
+        help="Any field, see zpm2 config list. Repeatable.",
+        rich_help_panel=METHOD,
+        autocompletion=settings_of,
+    ),
+]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        help="auto, cpu or cuda.  [default: auto]",
+        rich_help_panel=RUN,
+        autocompletion=one_of(lambda: ("auto", "cpu", "cuda")),
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN),
+]
+WeightsDir = Annotated[
+    Path | None, typer.Option(help="A folder with your own copies of the weights.", rich_help_panel=RUN)
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.", rich_help_panel=RUN)
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.", rich_help_panel=RUN)]
 
 
 def configure(preset: str, file: Path | None, settings: list[str] | None, options: dict[str, Any]) -> "Config":
-    """The preset, under the file, under the settings, under those `options` that were given (are not None)."""
+    """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that were given."""
     from zpm2 import config
 
     chosen = config.preset(preset)
     if file is not None:
         chosen = config.load(file, chosen)
-    given = [f"{name}={value}" for name, value in options.items() if value is not None]
-    return config.assign(chosen, [*(settings or []), *given])
+    return config.with_options(config.assign(chosen, settings or []), options)
 
 
 def use_weights(directory: Path | None) -> None:
@@ -46,7 +176,8 @@ def use_weights(directory: Path | None) -> None:
 
 @contextmanager
 def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[[str], None]]]:
-    """A bar per stage on stderr, where that is a terminal, and a voice for single lines; both mute when `silent`."""
+    """A bar per stage on stderr, or a line now and then where that is no terminal, and a voice for single lines; both
+    mute when `silent`."""
     if silent:
         yield lambda stage, share: None, lambda text: None
         return
@@ -54,8 +185,12 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        with lines() as tell:
+            yield tell, console.print
+        return
     columns = TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+    with Progress(*columns, console=console, transient=True) as shown:
         tasks: dict[str, Any] = {}
 
         def progress(stage: str, share: float) -> None:
@@ -67,16 +202,75 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 
 
 @contextmanager
+def lines() -> Iterator[Callable[[str, float], None]]:
+    """How far a long run is, a line on stderr every `EVERY` seconds; the function takes a stage and its share."""
+    start, now, over = monotonic(), ["start", 0.0], threading.Event()
+
+    def tell() -> None:
+        while not over.wait(EVERY):
+            print(f"{now[0]}: {now[1]:.0%}, {monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+
+    def progress(stage: str, share: float) -> None:
+        now[:] = [stage, share]
+
+    voice = threading.Thread(target=tell, daemon=True)
+    voice.start()
+    try:
+        yield progress
+    finally:
+        over.set()
+        voice.join()
+
+
+@contextmanager
 def fresh_folder(out: Path, *inputs: Path) -> Iterator[Path]:
-    """The output folder, tried out; gone again if a run that made it ends in an error and left nothing in it."""
+    """The output folder, tried out; gone again if a run that made it ends early and left nothing in it. An interrupt
+    says what stays."""
     from zpm2.io.files import output_folder
 
     fresh = not out.exists()
     output_folder(out, inputs)
     try:
         yield out
-    except Zpm2Error:
+    except BaseException as error:
         if fresh:
-            with suppress(OSError):  # not empty: somebody else put something there
+            with suppress(OSError):  # not empty: there is something to keep
                 out.rmdir()
+        if isinstance(error, KeyboardInterrupt):
+            stays = out.exists() and any(out.iterdir())
+            error.add_note(f"what was finished stays in {out}" if stays else "nothing was written")
         raise
+
+
+@contextmanager
+def goes_on(what: str) -> Iterator[None]:
+    """For work that a second run of the same command goes on with; an interrupt says so."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"{what}, and the same command goes on from there")
+        raise
+
+
+class Interrupted(Exception):
+    """A run that was interrupted; the text says what stays, by the notes of who knows."""
+
+    def __init__(self, stop: KeyboardInterrupt) -> None:
+        super().__init__("; ".join(["interrupted", *dict.fromkeys(getattr(stop, "__notes__", []))]))
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM ends what runs inside as Ctrl-C does, so that it cleans up and says what stays."""
+
+    def stop(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -5,12 +5,13 @@ import itertools
 import json
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from zpm2.console import Method, Out, Preset, Quiet, Settings, goes_on, one_of
 from zpm2.errors import ConfigError, InputError
 from zpm2.methods import check_method, open_method
 
@@ -23,26 +24,36 @@ if TYPE_CHECKING:
     from zpm2.result import MatchResult
 
 
+def datasets() -> Iterable[str]:
+    """The names of the data sets."""
+    from zpm2.evaluate.datasets import DATASETS
+
+    return DATASETS
+
+
 def evaluate(
-    dataset: Annotated[str, typer.Argument(help="pairs, csv, sceneflow, kitti2015, middlebury, scannet1500, ...")],
+    dataset: Annotated[
+        str,
+        typer.Argument(
+            help="pairs, csv, sceneflow, kitti2015, middlebury, scannet1500, ...", autocompletion=one_of(datasets)
+        ),
+    ],
     root: Annotated[Path, typer.Option(help="The folder that holds the data set, as its publisher lays it out.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for predictions and scores.")],
+    out: Out = Path("zpm2-eval"),
     split: Annotated[str | None, typer.Option(help="A part of the data set.")] = None,
     option: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of the data set (docs/datasets.md); repeatable.")
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="The first so many pairs.")] = None,
-    preset: Annotated[str, typer.Option(help="paper or default.")] = "default",
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")
-    ] = None,
-    method: Annotated[str, typer.Option(help="zpm2, or a classical baseline: shape-context, idsc.")] = "zpm2",
+    preset: Preset = "default",
+    settings: Settings = None,
+    method: Method = "zpm2",
     regions: Annotated[
         Path | None, typer.Option(help="Take the polygons of the predictions in this folder instead of detecting them.")
     ] = None,
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Match every pair of a data set and score the matches.
 
@@ -68,7 +79,8 @@ def evaluate(
         predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
         posed = _posed(config) if method == "zpm2" else lambda pair, result: None
         matcher = functools.partial(_matcher, method, config, kept)
-        predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed)
+        with goes_on(f"matched pairs stay in {out}"):
+            predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed)
     tell = _teller(len(pairs), quiet)
     rows = report.collect(pairs, out, lambda text: tell("scored", text))
     made_by = shlex.join(["zpm2", *sys.argv[1:]])

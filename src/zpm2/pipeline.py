@@ -20,6 +20,7 @@ from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
 from zpm2.local_match.carry import Carried, backwards, carry, forwards
 from zpm2.local_match.unmatched import reasons, visible
+from zpm2.messages import Note, split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
 from zpm2.regions import Clock, Detected, Progress, RegionStages, no_matches, resolve_device
 from zpm2.result import MatchResult
@@ -78,6 +79,8 @@ class PolygonMatcher:
                 matches = self._match(found, initial, placement, candidates)
         sides, matches = found.sides(matches)
         sides = self._explained(sides, matches, initial)
+        said = [*found.messages, *_geometry_warnings(initial), *_placement_note(placement, config)]
+        warnings, notes = split([*said, *no_matches(matches)])
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -87,12 +90,8 @@ class PolygonMatcher:
             homography=initial.homography,
             config=config.to_dict(),
             timings=clock.seconds,
-            warnings=[
-                *found.warnings,
-                *_geometry_warnings(initial),
-                *_placement_warnings(placement, config),
-                *no_matches(matches),
-            ],
+            warnings=warnings,
+            notes=notes,
         )
 
     def regions(self, image: Image, side: Literal["left", "right"] = "left") -> list[Polygon]:
@@ -166,15 +165,17 @@ def explained(
     return found[0], found[1]
 
 
-def _placement_warnings(placement: Placement, config: Config) -> list[str]:
+def _placement_note(placement: Placement, config: Config) -> list[str]:
     """How many polygons the pyramid could not confirm and left where H predicts them."""
     predicted = ~placement.found
     if config.global_match.search == "fixed" or not predicted.any():
         return []
     count, outside = int(predicted.sum()), int((predicted & placement.outside).sum())
     return [
-        f"{count} of {len(predicted)} left polygons stay where the geometry predicts them: {outside} beyond the right "
-        f"image, {count - outside} without texture that correlates"
+        Note(
+            f"{count} of {len(predicted)} left polygons stay where the geometry predicts them: {outside} beyond the "
+            f"right image, {count - outside} without texture that correlates"
+        )
     ]
 
 

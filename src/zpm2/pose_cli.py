@@ -8,17 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from zpm2.console import (
+    CAMERAS,
+    METHOD,
+    RESULT,
     AsJson,
     ConfigFile,
     Device,
+    Out,
     Preset,
     Quiet,
     Seed,
     Settings,
     WeightsDir,
     bars,
+    choices,
     configure,
     fresh_folder,
+    one_of,
     use_weights,
 )
 from zpm2.errors import ConfigError, Failed
@@ -34,32 +40,57 @@ CENTERS = {"0.5": 0.5, "0": 0.0}
 def pose(
     left: Annotated[Path, typer.Argument(help="Left photograph.")],
     right: Annotated[Path, typer.Argument(help="Right photograph.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    out: Out = Path("zpm2-pose"),
     k: Annotated[
         str | None,
         typer.Option(
             "--K",
             help="Left camera: fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], a matrix file, a COLMAP model, exif or guess. "
             "[default: exif, else estimated from the points]",
+            rich_help_panel=CAMERAS,
         ),
     ] = None,
-    k2: Annotated[str | None, typer.Option("--K2", help="Right camera.  [default: as the left one]")] = None,
+    k2: Annotated[
+        str | None, typer.Option("--K2", help="Right camera.  [default: as the left one]", rich_help_panel=CAMERAS)
+    ] = None,
     centers: Annotated[
-        str, typer.Option(help="Where numbers and matrix files have the centre of the first pixel: 0.5, or 0 (OpenCV).")
+        str,
+        typer.Option(
+            help="Where numbers and matrix files have the centre of the first pixel: 0.5, or 0 (OpenCV).",
+            rich_help_panel=CAMERAS,
+            autocompletion=one_of(lambda: CENTERS),
+        ),
     ] = "0.5",
     baseline: Annotated[
-        float | None, typer.Option(help="Distance of the cameras, in the unit that the translation shall have.")
+        float | None,
+        typer.Option(
+            help="Distance of the cameras, in the unit that the translation shall have.", rich_help_panel=CAMERAS
+        ),
     ] = None,
     matches: Annotated[
-        Path | None, typer.Option(help="Take the matches of this folder of zpm2 match instead of matching.")
+        Path | None,
+        typer.Option(help="Take the matches of this folder of zpm2 match instead of matching.", rich_help_panel=METHOD),
     ] = None,
     rectify: Annotated[
-        bool, typer.Option("--rectify", help="Write the rectified pair and its polygons (rectified/).")
+        bool,
+        typer.Option(
+            "--rectify", help="Write the rectified pair and its polygons (rectified/).", rich_help_panel=RESULT
+        ),
     ] = False,
     colmap: Annotated[
-        bool, typer.Option("--colmap", help="Write a database and a two-view model for COLMAP (colmap/).")
+        bool,
+        typer.Option(
+            "--colmap", help="Write a database and a two-view model for COLMAP (colmap/).", rich_help_panel=RESULT
+        ),
     ] = False,
-    estimator: Annotated[str | None, typer.Option(help="opencv or poselib.  [default: preset's]")] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            help="opencv or poselib.  [default: preset's]",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(choices("pose.estimator")),
+        ),
+    ] = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -74,7 +105,7 @@ def pose(
     Writes pose.json, and the files of zpm2 match where it matched. R and t take points of the left camera to the right
     one: X_right = R X_left + t, t of unit length where no baseline is given.
     """
-    options = {"device": device, "seed": seed, "pose.estimator": estimator}
+    options = {"device": device, "seed": seed, "estimator": estimator}
     config = configure(preset, config_file, settings, options)
     if centers not in CENTERS:
         raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from zpm2.console import AsJson, Quiet, bars
+from zpm2.console import AsJson, Out, Quiet, bars, goes_on
 from zpm2.errors import ConfigError
 
 
 def reconstruct(
     images: Annotated[list[Path], typer.Argument(help="A folder of photographs, or photographs.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The workspace; an interrupted run goes on there.")],
+    out: Out = Path("zpm2-reconstruct"),
     cameras: Annotated[
         Path | None,
         typer.Option(
@@ -56,7 +56,8 @@ def reconstruct(
         paths = photographs(images[0]) if len(images) == 1 else images
     for path in paths:
         read_image(path)  # one line for what cannot be read, before anything is written
-    with bars(quiet or as_json) as (progress, _):
+    going_on = goes_on(f"what was finished stays in {out}")
+    with going_on, bars(quiet or as_json) as (progress, _):
         made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
     for note in made.notes:
         print(f"warning: {note}", file=sys.stderr)

@@ -13,6 +13,7 @@ from zpm2.errors import ConfigError
 from zpm2.global_match import InitialGeometry
 from zpm2.local_match import guided
 from zpm2.local_match.guidance import Guidance
+from zpm2.messages import about
 from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
 
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
@@ -24,7 +25,7 @@ class Detected:
 
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]
-    warnings: list[str]
+    messages: list[str]  # warnings, and notes (`messages`)
     pair: guided.Pair | None = None  # where the segmenter can be asked again
     guidance: Guidance | None = None
 
@@ -84,8 +85,8 @@ class RegionStages:
         self._sides_done = 0
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
         (left, right), notes = zip(*found, strict=True)
-        warnings = _region_warnings(images, notes, (left, right)) + ([why_not] if why_not else [])
-        return Detected(images, (PolygonArrays(left), PolygonArrays(right)), warnings)
+        messages = _messages(images, notes, (left, right)) + ([why_not] if why_not else [])
+        return Detected(images, (PolygonArrays(left), PolygonArrays(right)), messages)
 
     def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
         """The polygons of one image by the segmenter of that side, whatever the other image shows."""
@@ -100,9 +101,9 @@ class RegionStages:
         polygons = pair.left.polygons, pair.right.polygons
         left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
         left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
-        warnings = _region_warnings(images, (left_notes, right_notes), polygons)
+        messages = _messages(images, (left_notes, right_notes), polygons)
         guidance = guided.guidance(pair, left, initial, self.config)
-        return Detected(images, (left, right), warnings, pair, guidance)
+        return Detected(images, (left, right), messages, pair, guidance)
 
     def download(self, done: int, total: int) -> None:
         """Tells `progress` how many bytes of weights have come."""
@@ -166,13 +167,14 @@ def _notes(segmenter: Segmenter) -> list[str]:
     return list(getattr(segmenter, "notes", []))
 
 
-def _region_warnings(
+def _messages(
     images: tuple[Image, Image], notes: tuple[list[str], ...], polygons: tuple[list[Polygon], ...]
 ) -> list[str]:
     sides = ("left", "right")
-    found = [f"{side} image: {note}" for side, image in zip(sides, images, strict=True) for note in image.notes]
+    found = [text for side, image in zip(sides, images, strict=True) for text in about(f"{side} image", image.notes)]
     both = [note for note in notes[0] if note in notes[1]]  # said once, where it holds for both
     found += both
-    found += [f"{s} regions: {note}" for s, of in zip(sides, notes, strict=True) for note in of if note not in both]
+    for side, own in zip(sides, notes, strict=True):
+        found += about(f"{side} regions", [note for note in own if note not in both])
     found += [f"no regions were found in the {s} image" for s, p in zip(sides, polygons, strict=True) if not p]
     return found

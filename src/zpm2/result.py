@@ -1,7 +1,9 @@
 """What a run gives back: polygons, matches, points, geometry; to files and back, as a picture, and made exclusive."""
 
+import base64
 import contextlib
 import dataclasses
+import html
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,9 +37,11 @@ from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
+from zpm2.messages import split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side, counterparts
+from zpm2.model.brief import brief
 from zpm2.view.contact import Crop, contact_sheet, crop_window
-from zpm2.view.overlay import overlay
+from zpm2.view.overlay import overlay, unmatched
 
 SideName = Literal["left", "right"]
 SIDES: tuple[SideName, SideName] = ("left", "right")
@@ -45,6 +49,7 @@ SCHEMA = "zpm2-matches/1"
 ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
 SHEET = 100  # matches on a contact sheet
+NOTEBOOK = 1600  # px, the longest side of an overlay in a notebook
 CROP = 300  # px, the longest side at which a crop of it is read
 
 
@@ -58,11 +63,14 @@ class MatchResult:
     points: PointMatches
     fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
-    warnings: Sequence[str] = ()
-    version: str = field(default=__version__)
+    config: Mapping[str, Any] = field(repr=False)
+    timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
+    warnings: Sequence[str] = ()  # what a user may have to act on
+    notes: Sequence[str] = ()  # what was done on the way
+    version: str = field(default=__version__, repr=False)
     non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
+
+    __repr__ = brief
 
     def flatten(self) -> "MatchResult":
         """The same with matched regions that exclude each other in both images, to the pixel.
@@ -91,7 +99,7 @@ class MatchResult:
             left=_with_polygons(self.left, [pair[0] for pair in kept if pair is not None], [a for a, _ in lost]),
             right=_with_polygons(self.right, [pair[1] for pair in kept if pair is not None], [b for _, b in lost]),
             matches=matches,
-            warnings=[*self.warnings, *notes],
+            notes=[*self.notes, *notes],
             non_overlapping=True,
         )
 
@@ -172,6 +180,7 @@ class MatchResult:
             "non_overlapping": self.non_overlapping,
             "matches": [match_to_dict(match) for match in self.matches],
             "warnings": list(self.warnings),
+            "notes": list(self.notes),
         }
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
@@ -189,9 +198,10 @@ class MatchResult:
         image = side.path or name, side.width, side.height
         return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
 
-    def gis_notes(self) -> list[str]:
-        """What files for a GIS miss, or what to know of them: for a run's `warnings`."""
-        return gis.notes([self._layer(name) for name in SIDES])
+    def with_gis_messages(self) -> "MatchResult":
+        """The same, with warnings of what files for a GIS will miss and notes of how they are made."""
+        warnings, notes = split(gis.messages([self._layer(name) for name in SIDES]))
+        return dataclasses.replace(self, warnings=[*self.warnings, *warnings], notes=[*self.notes, *notes])
 
     def _layer(self, name: SideName) -> Layer:
         """One side for a GIS."""
@@ -209,13 +219,33 @@ class MatchResult:
 
         `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
-        sides = self.left, self.right
+        return PIL.Image.fromarray(overlay(*self._shown(max_width), self.matches, max_width, self._sizes()))
+
+    def plot_unmatched(self, max_width: int = 2400) -> PIL.Image.Image:
+        """Both images with the polygons that have no partner, coloured by why. `InputError` as from `plot`."""
+        reasons = self.left.unmatched, self.right.unmatched
+        return PIL.Image.fromarray(unmatched(*self._shown(max_width), self.matches, reasons, max_width, self._sizes()))
+
+    def _shown(self, longest: int) -> tuple[Image, Image, Sequence[Polygon], Sequence[Polygon]]:
+        """The photographs, `longest` px or more, and their polygons."""
         left, right = (
-            _pixels(side, name, self.config, max_width) for side, name in zip(sides, ("left", "right"), strict=True)
+            _pixels(self.left, "left", self.config, longest),
+            _pixels(self.right, "right", self.config, longest),
         )
-        sizes = (self.left.width, self.left.height), (self.right.width, self.right.height)
-        pixels = overlay(left, right, self.left.polygons, self.right.polygons, self.matches, max_width, sizes)
-        return PIL.Image.fromarray(pixels)
+        return left, right, self.left.polygons, self.right.polygons
+
+    def _sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (self.left.width, self.left.height), (self.right.width, self.right.height)
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the line of `repr` and the overlay, or why there is no overlay."""
+        line = f"<code>{html.escape(repr(self))}</code>"
+        try:
+            pixels = cv2.cvtColor(np.asarray(self.plot(NOTEBOOK)), cv2.COLOR_RGB2BGR)
+        except InputError as error:
+            return f"{line}<p>{html.escape(str(error))}</p>"
+        picture = base64.b64encode(cv2.imencode(".jpg", pixels)[1].tobytes()).decode()
+        return f'{line}<img alt="matched polygons" style="max-width: 100%" src="data:image/jpeg;base64,{picture}">'
 
     def contact_sheet(self, count: int = SHEET, seed: int = 0) -> PIL.Image.Image:
         """Up to `count` random matches, each with its two polygons close up, to be judged by eye.
@@ -230,11 +260,11 @@ class MatchResult:
             polygons = {polygon.id: polygon for polygon in side.polygons}
             with _opened(side, name, self.config) as source:
                 crops.append([_crop(source, side, polygons[getattr(match, name)]) for match in matches])
-        captions = [f"{match.left} - {match.right}   {match.confidence:.2f}" for match in matches]
+        captions = [f"match {match.id}   (right {match.right})   {match.confidence:.2f}" for match in matches]
         return PIL.Image.fromarray(contact_sheet(list(zip(*crops, strict=True)), captions))
 
     def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
-        """Write matches.json, left.geojson, right.geojson and overlay.png into a folder, which is returned.
+        """Write matches.json, left.geojson, right.geojson, overlay.png and unmatched.png into a folder; returns it.
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
@@ -242,7 +272,7 @@ class MatchResult:
         where it is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format
         without its package, and `InputError` as from `plot`.
         """
-        pictures = {"overlay": self.plot()}
+        pictures = {"overlay": self.plot(), "unmatched": self.plot_unmatched()}
         if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
             pictures["contact"] = self.contact_sheet()
         folder = output_folder(directory)
@@ -317,6 +347,7 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
         config=dict(document["config"]),
         timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
         warnings=list(document["warnings"]),
+        notes=list(document.get("notes", [])),
         version=document["version"],
         non_overlapping=document.get("non_overlapping") is True,
     )

@@ -10,11 +10,13 @@ from typing import Annotated
 import typer
 
 from zpm2 import weights
+from zpm2.console import lines, one_of
 from zpm2.errors import WeightsError
 from zpm2.weights.store import find
 
 app = typer.Typer(help="See, fetch and check the pre-trained weights.", no_args_is_help=True)
 
+NAMES = one_of(lambda: [item.name for item in weights.MANIFEST])
 Directory = Annotated[
     Path | None,
     typer.Option("--weights-dir", help="A folder of your own copies, looked into first (else ZPM2_WEIGHTS)."),
@@ -53,7 +55,9 @@ def list_(
 
 @app.command()
 def get(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or: all.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or: all.", autocompletion=NAMES)
+    ],
     weights_dir: Directory = None,
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="Accept the licence of weights that forbid commercial use.")
@@ -75,7 +79,9 @@ def get(
 
 @app.command()
 def verify(
-    name: Annotated[str | None, typer.Argument(help="One name; without it, all that are here.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="One name; without it, all that are here.", autocompletion=NAMES)
+    ] = None,
     weights_dir: Directory = None,
 ) -> None:
     """Hash the files that are here anew and compare them with the manifest."""
@@ -92,7 +98,8 @@ def verify(
 
 @app.command()
 def path(
-    name: Annotated[str, typer.Argument(help="A name as `list` prints it.")], weights_dir: Directory = None
+    name: Annotated[str, typer.Argument(help="A name as `list` prints it.", autocompletion=NAMES)],
+    weights_dir: Directory = None,
 ) -> None:
     """Print where the verified file lies. Nothing is fetched."""
     print(weights.locate(name, directory=weights_dir))
@@ -115,12 +122,16 @@ def _each(names: list[str], action: Callable[[str], str]) -> None:
 
 @contextmanager
 def _bar(name: str) -> Iterator[weights.Progress]:
-    """A progress bar on the error stream, where that is a terminal, shown once bytes arrive."""
+    """A progress bar on the error stream, shown once bytes arrive; a line now and then where that is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+    if not console.is_terminal:
+        with lines() as tell:
+            yield lambda done, total: tell(name, done / max(total, 1))
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task(name, total=None, visible=False)
         yield lambda done, total: bars.update(task, completed=done, total=total, visible=True)

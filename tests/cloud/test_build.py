@@ -27,6 +27,10 @@ def test_one_patch_for_each_region_of_all_views(tmp_path: Path) -> None:
         assert patch.supports[0].overlap > 0.99
         assert patch.supports[0].distance < 0.01
     assert cloud.matches == cloud.accepted == 18
+    document = cloud.to_dict()
+    assert [s["match"] for p in document["patches"] for s in p["supports"]] == [
+        s.left_polygon for p in cloud.patches for s in p.supports
+    ]
     # the views see more than the mesh, which is 2 x 2
     assert cloud.coverage == pytest.approx(9 * 0.09 / 4, rel=0.05)
 
@@ -37,6 +41,7 @@ def test_wrong_matches_are_rejected_with_their_reason(tmp_path: Path) -> None:
     assert len(cloud.patches) == 7
     assert {(r.left_polygon, r.right_polygon) for r in cloud.rejected} == {(0, 1), (1, 0)}
     assert all("not the same place" in r.reason for r in cloud.rejected)
+    assert [r["match"] for r in cloud.to_dict()["rejected"]] == [r.left_polygon for r in cloud.rejected]
     assert cloud.reasons() == {"left and right are not the same place": 2}
 
 

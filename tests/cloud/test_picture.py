@@ -69,6 +69,9 @@ def test_the_page_needs_nothing_else(cloud: PolygonCloud) -> None:
     data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1])
     assert len(data["polygons"]) == 9
     assert "9 polygons from 9 matches in 2 views" in data["about"]
+    for polygon, patch in zip(data["polygons"], cloud.patches, strict=True):
+        (match,) = polygon["matches"]
+        assert match == {"match": patch.supports[0].left_polygon, "left_view": 0, "right_view": 1}
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")

@@ -157,7 +157,7 @@ def test_regions_of_another_evaluation(run: Run, root: Path, pair: Pair, tmp_pat
     for mine, theirs in ((before.left, after.left), (before.right, after.right)):
         assert [p.id for p in mine.polygons] == [p.id for p in theirs.polygons]
         assert all((p.exterior == q.exterior).all() for p, q in zip(mine.polygons, theirs.polygons, strict=True))
-    assert any("not detected" in warning for warning in after.warnings)
+    assert any("not detected" in note for note in after.notes)
     code, _, err = run(*words)
     assert "another regions" in err
     code, _, err = run(*words, "--regions", tmp_path / "nothing")

@@ -323,11 +323,11 @@ def test_placed_by_rpc(tmp_path):
     written = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])
     assert shapely.equals_exact(shapely.normalize(written), wanted, 2e-8).all()
     assert read(gis.write_shapefile(tmp_path, placed))[0] == "EPSG:4326"
-    (note,) = gis.notes([placed])
+    (note,) = gis.messages([placed])
     assert note.startswith(
         "left image: files for a GIS are in longitude and latitude at the mean height of its RPC, 321 m"
     )
-    assert gis.notes([layer(Georeference()), layer(utm(), "right")]) == []
+    assert gis.messages([layer(Georeference()), layer(utm(), "right")]) == []
 
 
 def test_rpcs_at_the_antimeridian_make_no_jump(tmp_path):
@@ -344,13 +344,13 @@ def test_rpcs_that_do_not_reach_the_polygons_leave_them_in_pixels(tmp_path, rpc)
     crs, shapes, _ = read(packed(tmp_path, placed), "left")
     assert "EPSG" not in str(crs)
     assert shapely.equals(shapes, shapely.transform(SHAPES, lambda xy: xy * (1, -1))).all()
-    assert gis.notes([placed]) == [
+    assert gis.messages([placed]) == [
         "left image: its RPC does not reach all of its polygons: files for a GIS are in image px"
     ]
 
 
 def test_a_system_without_longitude_and_latitude_is_noted():
-    (note,) = gis.notes([layer(Georeference(SITE, NORTH_UP, 0.1))])
+    (note,) = gis.messages([layer(Georeference(SITE, NORTH_UP, 0.1))])
     assert note == "left image: its reference system has no longitude and latitude: left.geojson is in image px"
 
 

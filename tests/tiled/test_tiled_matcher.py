@@ -284,7 +284,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     assert len(list(folder.iterdir())) == 5
     segmenter = ColourSegmenter()
     result = matcher(kept=kept, segmenter=segmenter)(*sides)
-    assert any("5 of" in text and "earlier run" in text for text in result.warnings)
+    assert any("5 of" in text and "earlier run" in text for text in result.notes)
     before, after = content(plain()[0]), content(result)
     for side, path in zip(("left", "right"), sides, strict=True):
         assert (before[side].pop("path"), after[side].pop("path")) == (None, str(path))

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from zpm2.model import Image
 from zpm2.view.contact import BRIGHT, CAPTION, GAP, SEAM, Crop, contact_sheet, crop_window
-from zpm2.view.overlay import DARK
+from zpm2.view.panel import DARK
 
 SIDE = 100
 

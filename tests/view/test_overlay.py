@@ -1,15 +1,18 @@
+import dataclasses
 import importlib
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zpm2.errors import InputError
 from zpm2.model import Image, Polygon, PolygonMatch
-from zpm2.view import overlay
-from zpm2.view.overlay import CROWD, GAP, HEADER, _layout, _places, _pole
+from zpm2.view import overlay, unmatched
+from zpm2.view.overlay import GAP, HEADER, OTHER, _layout, _places
 from zpm2.view.palette import ALL, distinct_colors
+from zpm2.view.panel import CROWD, _pole, dashes
 
 
 def _box(index, x0, y0, x1, y1, hole=None):
@@ -237,7 +240,85 @@ def test_many_things_in_one_place_have_colours():
 def test_a_match_carries_its_id(monkeypatch):
     written = []
     module = importlib.import_module("zpm2.view.overlay")  # `zpm2.view.overlay` is the function
-    monkeypatch.setattr(module, "_write", lambda panel, labels: written.append(labels) or panel)
+    monkeypatch.setattr(module, "write", lambda panel, labels: written.append(labels) or panel)
     left = [_box(4, 5, 5, 60, 60), _box(57, 70, 20, 140, 90)]
     overlay(_gray(160, 120), _gray(160, 120), left, [_box(9, 60, 20, 130, 90)], [_match(57, 9)])
     assert [{label.text for label in side} for side in written] == [{"left", "57"}, {"right", "57"}]
+
+
+def test_where_fills_stack_a_pixel_has_the_colour_of_the_topmost_region_alone():
+    outer, middle, inner = _box(1, 50, 50, 750, 550), _box(2, 200, 150, 600, 450), _box(3, 300, 200, 400, 300)
+    stack = [outer, middle, inner]
+    matches = [_match(k, k) for k in (1, 2, 3)]
+    a, b = _panels(_gray(800, 600), _gray(800, 600), stack, stack, matches)
+    beside = [outer, middle, _box(3, 0, 0, 100, 100)]
+    _, free = _panels(_gray(800, 600), _gray(800, 600), stack, beside, matches)
+    assert np.array_equal(a[450, 640], b[450, 640])
+    assert np.array_equal(a[450, 640], free[150, 150])  # on nothing as on two others
+
+
+def test_the_photograph_shows_through():
+    image = Image(np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8))
+    box = _box(1, 50, 50, 750, 550)
+    a, _ = _panels(image, image, [box], [box], [_match(1, 1)])
+    assert a[300:900, 300:900].std(axis=(0, 1)).min() > 15
+
+
+def test_outlines_tell_how_sure_a_match_is():
+    boxes = [_box(k, 100 + 200 * k, 100, 250 + 200 * k, 400) for k in range(3)]
+    matches = [dataclasses.replace(_match(k, k), confidence=c) for k, c in enumerate((0.95, 0.8, 0.4))]
+    a, _ = _panels(_gray(800, 600), _gray(800, 600), boxes, boxes, matches)
+    edges = [_tinted(a[260:740, 2 * x - 2 : 2 * x + 2]).any(axis=1) for x in (100, 300, 500)]
+    assert edges[0].all()
+    assert 0.4 < edges[1].mean() < 0.85
+    changes = [int(np.abs(np.diff(edge.astype(int))).sum()) for edge in edges]
+    assert changes[0] < changes[1] < changes[2]
+
+
+@given(
+    st.integers(3, 30).flatmap(
+        lambda n: st.lists(st.tuples(st.floats(0, 500), st.floats(0, 500)), min_size=n, max_size=n)
+    ),
+    st.floats(0.5, 20),
+    st.floats(0.5, 20),
+)
+def test_dashes_lie_on_the_line_and_are_their_share_of_it(points, drawn, left_out):
+    ring = np.array(points)
+    pieces = dashes(ring, (drawn, left_out))
+    closed = shapely.LinearRing(ring)
+    total = np.linalg.norm(np.diff(pieces, axis=1), axis=2).sum()
+    assert total == pytest.approx(closed.length * drawn / (drawn + left_out), rel=1e-6, abs=1e-6)
+    if len(pieces):
+        assert shapely.distance(shapely.points(pieces.reshape(-1, 2)), closed).max() < 1e-6
+
+
+def test_unmatched_polygons_have_the_colour_of_their_reason(monkeypatch):
+    module = importlib.import_module("zpm2.view.overlay")
+    said = []
+    assemble = module._assemble
+    monkeypatch.setattr(module, "_assemble", lambda *given: said.append(given) or assemble(*given))
+    left = [_box(k, 20 + 150 * k, 100, 120 + 150 * k, 300) for k in range(5)]
+    right = [_box(7, 20, 100, 120, 300), _box(8, 200, 100, 300, 300)]
+    why = {1: "rejected", 2: "rejected", 3: "occluded", 4: "of another kind"}, {8: "rejected"}
+    picture = unmatched(_gray(800, 600), _gray(800, 600), left, right, [_match(0, 7)], why, max_width=3200 + GAP)
+    a, b = picture[HEADER:, :1600].astype(int), picture[HEADER:, 1600 + GAP :].astype(int)
+    inside = [a[230, 2 * (40 + 150 * k)] for k in range(5)]
+    assert np.array_equal(inside[1], inside[2])
+    assert np.array_equal(inside[1], b[230, 420])
+    assert np.array_equal(inside[0], a[1100, 1500])  # matched: no fill
+    assert len({tuple(color) for color in inside}) == 4
+    (_, _, title, _, subject, keys), *_ = said
+    assert title == "4 of 5 left and 1 of 2 right polygons without a partner"
+    assert subject == "reason"
+    assert [key.text for key in keys] == [
+        "occluded: 1 left, 0 right",
+        "rejected: 2 left, 1 right",
+        "of another kind: 1 left, 0 right",
+    ]
+    for key in keys:
+        assert (picture[:HEADER] == key.color).all(axis=2).any()
+
+
+def test_a_polygon_without_a_reason_says_so():
+    picture = unmatched(_gray(100, 100), _gray(100, 100), [_box(1, 5, 5, 60, 60)], [], [], ({}, {}))
+    assert (picture[:HEADER] == OTHER).all(axis=2).any()

@@ -16,6 +16,7 @@ from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, Failed
 from zpm2.io.images import read_image
 from zpm2.io.source import ImageLike
+from zpm2.messages import split
 from zpm2.model import PointMatches, Polygon, PolygonMatch
 from zpm2.regions import Clock, Progress, RegionStages, no_matches
 from zpm2.result import MatchResult
@@ -99,6 +100,7 @@ class BaselineMatcher:
                 )
                 for i, j in one_to_one(distance, method.limit)
             ]
+        warnings, notes = split([*found.messages, *no_matches(matches)])
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -108,7 +110,8 @@ class BaselineMatcher:
             homography=NOT_ESTIMATED,
             config={**self.config.to_dict(), "baseline": {"method": method.name, **vars(method)}},
             timings=clock.seconds,
-            warnings=[*found.warnings, *no_matches(matches)],
+            warnings=warnings,
+            notes=notes,
         )
 
 

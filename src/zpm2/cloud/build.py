@@ -17,6 +17,7 @@ from zpm2.cloud.tracks import Link, Sighting, Track, chain
 from zpm2.cloud.workspace import View
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
+from zpm2.messages import Note, about, split
 from zpm2.model import PosedCamera
 from zpm2.regions import Clock
 from zpm2.result import MatchResult
@@ -50,8 +51,8 @@ def build(
     clock = Clock(progress)
     cameras = [view.camera for view in views]
     seen = Seen(surface, caster, cameras)
-    warnings = [f"mesh: {note}" for note in surface.notes] + ([caster.note] if caster.note else [])
-    warnings += seen.warnings([view.name for view in views])
+    said = about("mesh", surface.notes) + ([caster.note] if caster.note else [])
+    said += seen.warnings([view.name for view in views])
     rejected: list[Rejected] = []
     found: dict[Link, tuple[Support, dict[Sighting, Lifted]]] = {}
     with clock("lift"):
@@ -64,7 +65,7 @@ def build(
     with clock("tracks"):
         tracks, contradicted = chain(list(found), config.same)
     if contradicted:
-        warnings.append(f"{contradicted} matches contradict surer ones through other views, and were left out")
+        said.append(Note(f"{contradicted} matches contradict surer ones through other views, and were left out"))
         kept = {link for track in tracks for link in track.links}
         why = "surer matches of other views say another region"
         rejected += [_refused(support, why) for link, (support, _) in found.items() if link not in kept]
@@ -73,7 +74,8 @@ def build(
         rejected += refused
     matches = sum(len(pair.result.matches) for pair in pairs)
     if not patches:
-        warnings.append(f"no polygon could be lifted, of {matches} matches")
+        said.append(f"no polygon could be lifted, of {matches} matches")
+    warnings, notes = split(said)
     return PolygonCloud(
         views=views,
         surface=surface,
@@ -84,6 +86,7 @@ def build(
         config={},
         timings=clock.seconds,
         warnings=warnings,
+        notes=notes,
     )
 
 

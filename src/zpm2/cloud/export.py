@@ -168,6 +168,10 @@ def attributes(polygon: CloudPatch) -> dict[str, Any]:
         "normal": [round(float(x), 5) for x in patch.normal],
         "scale": round(polygon.scale, 4),
         "views": list(polygon.views),
+        "matches": [
+            {"match": support.match, "left_view": support.left_view, "right_view": support.right_view}
+            for support in polygon.supports
+        ],
     }
 
 

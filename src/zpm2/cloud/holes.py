@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 from zpm2.cloud.surface import Surface, neighbors_of
+from zpm2.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -54,9 +55,9 @@ def fill_holes(surface: Surface, widest: float) -> Surface:
         faces.append(of[triangles])
         count += len(inner)
         filled += 1
-    notes = [f"{filled} holes were filled"] if filled else []
-    notes += [f"{wide} rims are wider than {widest:.3g} and stay open"] if wide else []
-    notes += [f"{bent + tangled} holes are too bent to be filled"] if bent + tangled else []
+    notes = [Note(f"{filled} holes were filled")] if filled else []
+    notes += [Note(f"{wide} rims are wider than {widest:.3g} and stay open")] if wide else []
+    notes += [Note(f"{bent + tangled} holes are too bent to be filled")] if bent + tangled else []
     if not filled:
         return dataclasses.replace(surface, notes=(*surface.notes, *notes))
     triangles = np.concatenate(faces)

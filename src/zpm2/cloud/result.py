@@ -19,6 +19,7 @@ from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
 from zpm2.model import Polygon, PosedCamera
+from zpm2.model.brief import brief
 from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
@@ -38,6 +39,11 @@ class Support:
     overlap: float  # 0..1, see `Agreement`
     distance: float | None  # units of the mesh
 
+    @property
+    def match(self) -> int:
+        """Id of the match in that pair's result, as its overlay has it (`PolygonMatch.id`)."""
+        return self.left_polygon
+
 
 @dataclass(frozen=True, eq=False)
 class CloudPatch:
@@ -55,6 +61,8 @@ class CloudPatch:
     filled: float  # 0..1, share of its area that fills holes of the mesh
     parent: int | None = None  # id of the smallest patch that it is a part of
     level: int = 0  # number of patches around it
+
+    __repr__ = brief
 
     @property
     def label(self) -> str | None:
@@ -86,6 +94,11 @@ class Rejected:
     right_polygon: int
     reason: str
 
+    @property
+    def match(self) -> int:
+        """Id of the match in that pair's result."""
+        return self.left_polygon
+
 
 @dataclass(frozen=True, eq=False)
 class PolygonCloud:
@@ -97,10 +110,13 @@ class PolygonCloud:
     rejected: Sequence[Rejected]
     matches: int  # of all pairs, before anything was rejected
     coverage: float  # 0..1, share of the surface seen by the views that the patches cover
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
-    warnings: Sequence[str]
-    version: str = field(default=__version__)
+    config: Mapping[str, Any] = field(repr=False)
+    timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
+    warnings: Sequence[str]  # what a user may have to act on
+    notes: Sequence[str] = ()  # what was done on the way
+    version: str = field(default=__version__, repr=False)
+
+    __repr__ = brief
 
     @property
     def accepted(self) -> int:
@@ -185,8 +201,9 @@ class PolygonCloud:
             },
             "counts": self.counts(),
             "patches": [self._patch(patch) for patch in self.patches],
-            "rejected": [vars(rejected) for rejected in self.rejected],
+            "rejected": [{"match": rejected.match, **vars(rejected)} for rejected in self.rejected],
             "warnings": list(self.warnings),
+            "notes": list(self.notes),
         }
 
     def _patch(self, polygon: CloudPatch) -> dict[str, Any]:
@@ -210,7 +227,7 @@ class PolygonCloud:
             "bridged": polygon.bridged,
             "view": polygon.view,
             "views": list(polygon.views),
-            "supports": [vars(support) for support in polygon.supports],
+            "supports": [{"match": support.match, **vars(support)} for support in polygon.supports],
             "rings": [self.world(ring.points).tolist() for ring in polygon.rings],
         }
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
+from zpm2.messages import Note
+from zpm2.model.brief import brief
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,6 +28,8 @@ class Surface:
     origin: Array  # (3,) what was taken off the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
     filled: int = 0  # how many of the triangles, the last ones, fill holes (`holes.fill_holes`)
+
+    __repr__ = brief
 
     @cached_property
     def corners(self) -> Array:
@@ -79,10 +83,10 @@ class Surface:
         flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= FLAT * float(
             np.ptp(points, axis=0) @ np.ptp(points, axis=0)
         )
-        notes += _said(int(flat.sum()), "triangles have no area, and were left out")
+        notes += map(Note, _said(int(flat.sum()), "triangles have no area, and were left out"))
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-        notes += _said(len(triangles) - len(first), "triangles are there twice, and were left out")
+        notes += map(Note, _said(len(triangles) - len(first), "triangles are there twice, and were left out"))
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")

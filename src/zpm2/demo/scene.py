@@ -33,6 +33,8 @@ class Scene:
     disparity_right: NDArray[np.float32]  # (h, w) px, of the right image's: x_left = x_right + d
     occluded: NDArray[np.bool_]  # (h, w) left pixels whose scene point the right camera does not see
     occluded_right: NDArray[np.bool_]  # (h, w) right pixels whose scene point the left camera does not see
+    labels: NDArray[np.uint16]  # (h, w) which surface a left pixel shows, from 1 on
+    labels_right: NDArray[np.uint16]  # (h, w) the same of the right image
     f: float  # px, focal length
     baseline: float  # m; depth = f baseline / disparity
     cx: float  # px, principal point, pixel centres at +0.5
@@ -74,18 +76,19 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
     left = _Camera(EYE, f, cx, cy)
     right = _Camera(EYE + np.array([BASELINE, 0.0, 0.0]), f, cx, cy)
     x, y = _grid(width, height, 1, np.float64)
-    images, disparities, occlusions = [], [], []
+    images, disparities, occlusions, labels = [], [], [], []
     for camera, other, sign in ((left, right, -1), (right, left, 1)):
         colors = _photograph(surfaces, lights, camera, width, height) * (GAIN if camera is right else 1)
         colors = colors + NOISE * rng.standard_normal(colors.shape, np.float32)
         images.append(np.clip(np.rint(colors), 0, 255).astype(np.uint8))
-        depth, _ = _cast(surfaces, camera, x, y)
+        depth, index = _cast(surfaces, camera, x, y)
         disparity = f * BASELINE / depth
         seen_at = x + sign * disparity
         nearest, _ = _cast(surfaces, other, seen_at, y)
         visible = (nearest > depth * (1 - 1e-6)) & (seen_at >= 0) & (seen_at < width)
         disparities.append(disparity.reshape(height, width).astype(np.float32))
         occlusions.append(~visible.reshape(height, width))
+        labels.append((index + 1).reshape(height, width).astype(np.uint16))
     return Scene(
         left=images[0],
         right=images[1],
@@ -93,6 +96,8 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
         disparity_right=disparities[1],
         occluded=occlusions[0],
         occluded_right=occlusions[1],
+        labels=labels[0],
+        labels_right=labels[1],
         f=f,
         baseline=BASELINE,
         cx=cx,

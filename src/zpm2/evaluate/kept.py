@@ -8,6 +8,7 @@ from zpm2.detect.vectorize import rasterize
 from zpm2.errors import InputError
 from zpm2.evaluate import predictions
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.messages import Note
 from zpm2.model import Image, Mask, Polygon
 from zpm2.result import MatchResult
 
@@ -40,7 +41,7 @@ class KeptSide:
 
     def __init__(self, kept: KeptRegions, side: Literal["left", "right"]) -> None:
         self.kept, self.side = kept, side
-        self.notes = [f"taken from {kept.out}, not detected"]
+        self.notes = [Note(f"taken from {kept.out}, not detected")]
 
     def polygons(self, image: Image) -> list[Polygon]:
         """`InputError` if the photograph had another size when its regions were found."""

@@ -20,6 +20,7 @@ from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io.described import PREFIX
 from zpm2.io.files import why
 from zpm2.io.layer import Layer, feature_collection, square_meters, world_shapes
+from zpm2.messages import Note
 from zpm2.model import PolygonArrays, PolygonMatch
 
 Array = NDArray[np.float64]
@@ -113,15 +114,18 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     return target
 
 
-def notes(layers: Sequence[Layer]) -> list[str]:
-    """What files for a GIS miss, or what to know of them."""
-    found = []
+def messages(layers: Sequence[Layer]) -> list[str]:
+    """What files for a GIS miss, and notes of how they are made."""
+    found: list[str] = []
     for layer in layers:
         geo, image = layer.geo, f"{layer.name} image"
         if layer.by_rpc and geo.rpc is not None:
+            height = f"{geo.rpc['height_off']:g} m"
             found.append(
-                f"{image}: files for a GIS are in longitude and latitude at the mean height of its RPC, "
-                f"{geo.rpc['height_off']:g} m: what lies higher or lower is shifted there"
+                Note(
+                    f"{image}: files for a GIS are in longitude and latitude at the mean height of its RPC, {height}: "
+                    "what lies higher or lower is shifted there"
+                )
             )
         elif geo.rpc and layer.crs is None:
             found.append(f"{image}: its RPC does not reach all of its polygons: files for a GIS are in image px")

@@ -16,6 +16,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.messages import Note
 from zpm2.model import Image
 
 MIN_SIDE = 32  # px, below this there is nothing to segment
@@ -130,13 +131,13 @@ def _from_pil(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
     if orientation != 1:
         notes.append(_orientation_note(orientation))
     if picture.mode in ("P", "PA"):
-        notes.append("The colour palette was expanded to RGB.")
+        notes.append(Note("The colour palette was expanded to RGB."))
     if picture.mode in ("LA", "La", "PA", "RGBa") or (picture.mode == "P" and "transparency" in picture.info):
         picture = picture.convert("RGBA")
     elif picture.mode == "P":
         picture = picture.convert("RGB")
     elif picture.mode not in ("1", "L", "RGB", "RGBA", "I", "F") and not picture.mode.startswith("I;16"):
-        notes.append(f"The colours were converted from {picture.mode} to RGB.")
+        notes.append(Note(f"The colours were converted from {picture.mode} to RGB."))
         try:
             picture = picture.convert("RGB")
         except ValueError as error:
@@ -172,7 +173,7 @@ def _orientation(picture: PIL.Image.Image, notes: list[str]) -> int:
     try:
         value = picture.getexif().get(_EXIF_ORIENTATION, 1)
     except _DAMAGE:
-        notes.append("The EXIF data is damaged and was ignored.")
+        notes.append(Note("The EXIF data is damaged and was ignored."))
         return 1
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
@@ -190,7 +191,7 @@ def _finish(values: NDArray[Any], notes: list[str], what: str, path: str | None)
     _check(values, what)
     if values.dtype == np.bool_:
         values = values.astype(np.uint8) * 255
-        notes = [*notes, "1-bit values became black and white."]
+        notes = [*notes, Note("1-bit values became black and white.")]
     if values.ndim == 3 and values.shape[2] == 4:
         notes = [*notes, _alpha_note(values[..., 3])]
         values = values[..., :3]
@@ -231,8 +232,8 @@ def _alpha_note(alpha: NDArray[Any]) -> str:
     opaque = next((level for level in levels if most <= level), most)
     share = float(np.count_nonzero(alpha < opaque)) / alpha.size
     if share == 0:
-        return "The alpha band was dropped; every pixel was opaque."
-    return f"The alpha band was dropped; {max(share, 0.001):.1%} of the pixels were transparent."
+        return Note("The alpha band was dropped; every pixel was opaque.")
+    return Note(f"The alpha band was dropped; {max(share, 0.001):.1%} of the pixels were transparent.")
 
 
 def brightness_range(values: NDArray[Any]) -> tuple[float, float, str]:
@@ -247,10 +248,10 @@ def brightness_range(values: NDArray[Any]) -> tuple[float, float, str]:
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
         if least >= 0 and most <= full and high >= full / 4:
-            return 0.0, full, f"The {kind} were read as brightness from 0 to {full:g}."
+            return 0.0, full, Note(f"The {kind} were read as brightness from 0 to {full:g}.")
     if high <= low:
         low, high = least, most
-    return low, high, f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}."
+    return low, high, Note(f"The {kind} were stretched to 8 bit from the range {low:g} to {high:g}.")
 
 
 def scaled(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import MissingDependency
+from zpm2.messages import Note
 from zpm2.model import Georeference
 
 Array = NDArray[np.float64]
@@ -89,7 +90,7 @@ def place_of(
         place = by_transform
     elif rpcs is not None and _reaches_ground(by_rpc := ByRpc(rpcs), width, height):
         place = by_rpc
-        notes.append("Placed by its rational polynomial coefficients (RPC).")
+        notes.append(Note("Placed by its rational polynomial coefficients (RPC)."))
     elif matrix is None and source.gcps[0]:
         notes.append("Its ground control points are not used: warp it by them first to place it.")
     if gsd is None and place is not None:

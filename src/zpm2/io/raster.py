@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.io import images
 from zpm2.io.placing import place_of
+from zpm2.messages import Note
 from zpm2.model import Image
 
 Array = NDArray[np.float64]
@@ -123,7 +124,7 @@ class Raster:
             if not valid.any():
                 raise InputError(f"{self._what} has no pixel with data: check its nodata value or its alpha band")
             values = values[valid][:, None]
-            notes.append("Pixels without data (nodata, alpha or not finite) are left out.")
+            notes.append(Note("Pixels without data (nodata, alpha or not finite) are left out."))
         if self._type != np.uint8 and self._palette is None:
             low, high, note = images.brightness_range(values)
             self._range = low, high
@@ -232,7 +233,7 @@ def _file_notes(source: Any, path: str) -> list[str]:
     if overviews.is_file() and not overviews.stat().st_size:
         notes.append(f"The overview file {overviews.name} is empty and was ignored.")
     if source.tags(ns="IMAGE_STRUCTURE").get("SOURCE_COLOR_SPACE") == "CMYK":
-        notes.append("The colours were converted from CMYK to RGB.")
+        notes.append(Note("The colours were converted from CMYK to RGB."))
     return notes
 
 
@@ -283,7 +284,7 @@ def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.
     table = np.zeros((max(colors) + 1, 4), np.uint8)
     table[list(colors)] = list(colors.values())
     one_bit = _bits(source, bands[0]) == 1
-    notes.append("1-bit values became black and white." if one_bit else "The colour palette was expanded to RGB.")
+    notes.append(Note("1-bit values became black and white." if one_bit else "The colour palette was expanded to RGB."))
     return table
 
 
@@ -292,7 +293,7 @@ def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] |
     bits = _bits(source, band)
     if not 1 <= bits < 8:
         return None
-    notes.append(f"{bits}-bit values became {'black and white' if bits == 1 else '8-bit ones'}.")
+    notes.append(Note(f"{bits}-bit values became {'black and white' if bits == 1 else '8-bit ones'}."))
     return 0.0, 2.0**bits - 1
 
 

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 Array = NDArray[np.float64]
 Source = Literal["given", "exif", "estimated", "guess"]
 
@@ -21,6 +23,8 @@ class Camera:
     size: tuple[int, int]  # (width, height) of the image, px
     distortion: Array = field(default_factory=lambda: np.zeros(0))  # k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty: none
     source: Source = "given"  # where the focal length comes from
+
+    __repr__ = brief
 
     @property
     def focal(self) -> float:
@@ -72,6 +76,8 @@ class PosedCamera:
     camera: Camera
     rotation: Array  # (3, 3) R
     translation: Array  # (3,) t
+
+    __repr__ = brief
 
     @property
     def center(self) -> Array:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 Array = NDArray[np.float64]
 
 
@@ -18,6 +20,8 @@ class Georeference:
     transform: Array | None = None  # (2, 3) from image px to coordinates of `crs`, as GDAL's geotransform
     gsd: float | None = None  # m on the ground per px; None where nothing says it
     rpc: Mapping[str, Any] | None = None  # rational polynomial coefficients, by GDAL's names in lower case
+
+    __repr__ = brief
 
     def to_world(self, points: Array) -> Array:
         """(n, 2) image px -> (n, 2) coordinates of `crs`."""

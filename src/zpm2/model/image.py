@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 
 @dataclass(frozen=True, eq=False)
 class Image:
@@ -18,6 +20,8 @@ class Image:
     path: str | None = None
     notes: tuple[str, ...] = ()  # what was done to the pixels: an alpha band dropped, 16 bits stretched, ...
     valid: NDArray[np.bool_] | None = None  # (h, w) False where there is no data; None: everywhere
+
+    __repr__ = brief
 
     @property
     def width(self) -> int:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 
 @dataclass(frozen=True, eq=False)
 class Mask:
@@ -15,6 +17,8 @@ class Mask:
     bits: NDArray[np.bool_]  # (h, w)
     score: float = 1.0  # the segmenter's own quality, 0..1
     label: str | None = None
+
+    __repr__ = brief
 
     @property
     def area(self) -> int:

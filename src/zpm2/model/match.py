@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 Stage = Literal["global", "local", "guided"]
 
 
@@ -26,6 +28,8 @@ class PolygonMatch:
     outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
     # (k, 5) homologous points all around the exteriors: x_left, y_left, x_right, y_right, residual, px; empty unless
     # asked for (see `local_match.outline`)
+
+    __repr__ = brief
 
     @property
     def id(self) -> int:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 
 @dataclass(frozen=True, eq=False)
 class PointMatches:
@@ -14,6 +16,8 @@ class PointMatches:
     left: NDArray[np.float64]  # (n, 2) image px, pixel centres at +0.5
     right: NDArray[np.float64]  # (n, 2) image px
     score: NDArray[np.float64]  # (n,) 0..1, the matcher's own
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         return len(self.left)

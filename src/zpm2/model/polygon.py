@@ -9,6 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.model.brief import brief
+
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
@@ -26,6 +28,8 @@ class Polygon:
     label: str | None = None  # a class name, where the source of the region gave one
     source_id: str | None = None  # of a given region: its id in the file that it came from, as text; parts share it
     properties: Mapping[str, Any] = field(default_factory=dict)  # of a given region: what its file says more, as JSON
+
+    __repr__ = brief
 
     @cached_property
     def shape(self) -> shapely.Polygon:
@@ -60,6 +64,8 @@ class PolygonArrays:
     centers: NDArray[np.float64] = field(init=False)  # (n, 2) image px, area centroids
     areas: NDArray[np.float64] = field(init=False)  # (n,) px^2
     bounds: NDArray[np.float64] = field(init=False)  # (n, 4) x_min, y_min, x_max, y_max, image px
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         shapes = np.empty(len(self.polygons), object)

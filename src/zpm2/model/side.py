@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from zpm2.model.brief import brief
 from zpm2.model.georeference import Georeference
 from zpm2.model.image import Image
 from zpm2.model.polygon import Polygon
@@ -16,6 +17,8 @@ class Side:
     height: int  # px
     polygons: Sequence[Polygon]
     path: str | None = None
-    image: Image | None = None  # the pixels while they are in memory, of a large photograph those of a reduced one
+    image: Image | None = field(default=None, repr=False)  # while in memory; of a large photograph a reduced one
     geo: Georeference = field(default_factory=Georeference)
     unmatched: Mapping[int, str] = field(default_factory=dict)  # id -> why a polygon has no partner
+
+    __repr__ = brief

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from zpm2.features.combined import distinct
 from zpm2.local_match.support import support
 from zpm2.model import PointMatches, PolygonArrays
+from zpm2.model.brief import brief
 
 SAME_PX = 2.0  # px, in both images: two points of different origin that are closer are one
 
@@ -19,6 +20,8 @@ class Correspondences:
     points: PointMatches
     region: NDArray[np.intp]  # (n,) row of the matched pair that a point lies in, -1 for none
     local: NDArray[np.bool_]  # (n,) found in a crop (M2), not in the whole images (M1)
+
+    __repr__ = brief
 
     def __len__(self) -> int:
         return len(self.points)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image, Polygon
+from zpm2.model.brief import brief
 from zpm2.pose.result import PoseResult
 
 Array = NDArray[np.float64]
@@ -28,6 +29,8 @@ class RectifiedSide:
     camera: Camera  # K of the rectified view
     rotation: Array  # (3, 3) from the original camera's frame to the rectified one's
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class RectifiedPair:
@@ -40,6 +43,8 @@ class RectifiedPair:
     right: RectifiedSide
     vertical: bool  # the cameras lie above each other: homologous points share their column, not their row
     projection: tuple[Array, Array]  # (3, 4) P of each view in the left rectified frame
+
+    __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
         """What a dense matcher needs to know (rectification.json)."""

@@ -16,6 +16,7 @@ from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.model import Camera
+from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
 from zpm2.pose.points import Correspondences
 from zpm2.pose.refine import Refined
@@ -44,6 +45,8 @@ class Pose:
     covariance: Array  # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
     flags: tuple[str, ...] = ()  # what speaks against it, see `MEANING`
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t that explain a planar scene as well
+
+    __repr__ = brief
 
     @property
     def sound(self) -> bool:
@@ -85,11 +88,13 @@ class PoseResult:
     found: int  # points of the whole images, before anything was filtered
     fundamental: Array | Failed  # 3 x 3
     homography: Array | Failed  # 3 x 3
-    config: Mapping[str, Any]
-    timings: Mapping[str, float]  # stage -> seconds
+    config: Mapping[str, Any] = field(repr=False)
+    timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()
     baseline: float | None = None  # distance of the cameras in the unit of the user's choice, where it is known
-    version: str = field(default=__version__)
+    version: str = field(default=__version__, repr=False)
+
+    __repr__ = brief
 
     @property
     def translation(self) -> Array | None:

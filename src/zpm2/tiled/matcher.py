@@ -58,7 +58,7 @@ class TiledMatcher:
                 result = run.result()
             else:
                 result = self._as_it_is(sources, least)
-            return replace(result, warnings=[*result.warnings, *result.gis_notes()])
+            return result.with_gis_messages()
 
     def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
         """A small pair."""
@@ -74,11 +74,6 @@ class TiledMatcher:
     def _in_tiles(self, sources: Sequence[Source]) -> bool:
         mode = self.config.tiles.mode
         return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
-
-
-def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
-    """Match the polygons of one pair of photographs of any size. For many pairs, keep a `TiledMatcher`."""
-    return TiledMatcher(config)(left, right)
 
 
 def _all(source: Source, name: str) -> Image:

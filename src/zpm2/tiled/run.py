@@ -27,6 +27,7 @@ from zpm2.global_match import initial_geometry
 from zpm2.global_match.initial import AGREEING
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
+from zpm2.messages import Note, about, split
 from zpm2.model import Image, Mask, PointMatches, Polygon, PolygonArrays, Side
 from zpm2.pipeline import PolygonMatcher, explained
 from zpm2.regions import Clock, Progress, no_matches
@@ -67,7 +68,7 @@ class Run:
         kept: Path | None,
     ) -> None:
         self.config, self.sources, self.least, self.progress = config, sources, least, progress
-        self.warnings: list[str] = []
+        self.messages: list[str] = []  # warnings, and notes (`messages`)
         quiet = _weights_only(progress)
         self.clock = Clock(quiet)
         with self.clock("load"):
@@ -118,10 +119,11 @@ class Run:
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
         if len(points) < AGREEING:
-            self.warnings.append(
+            self.messages.append(
                 f"the photographs may not show the same scene: only {len(points)} homologous points agree with their "
                 "neighbours"
             )
+        warnings, notes = split([*self._source_notes(), *self.messages, *no_matches(matches)])
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -131,7 +133,8 @@ class Run:
             homography=initial.homography,
             config=config.to_dict(),
             timings=self.clock.seconds,
-            warnings=[*self._source_notes(), *self.warnings, *no_matches(matches)],
+            warnings=warnings,
+            notes=notes,
         )
 
     # --- tiles
@@ -157,7 +160,7 @@ class Run:
             points = fresh if len(fresh) else points
         self.progress("tiles", 1.0)
         if self.kept.reused:
-            self.warnings.append(f"{self.kept.reused} of {len(found)} tiles were finished by an earlier run")
+            self.messages.append(Note(f"{self.kept.reused} of {len(found)} tiles were finished by an earlier run"))
         return found
 
     def _partner(self, level: int, window: Window, points: PointMatches) -> Partner | None:
@@ -268,11 +271,11 @@ class Run:
         stitched = self._stitched(found, cut, 0), self._stitched(found, cut, 1)
         for side, s in zip(SIDES, stitched, strict=True):
             if s.open:
-                self.warnings.append(
-                    f"{s.open} pieces of {side} regions that a tile border cut were left out: nowhere whole"
+                self.messages.append(
+                    Note(f"{s.open} pieces of {side} regions that a tile border cut were left out: nowhere whole")
                 )
             if not s.polygons:
-                self.warnings.append(f"no regions were found in the {side} image")
+                self.messages.append(f"no regions were found in the {side} image")
         return stitched
 
     def _cut(self, found: Sequence[Tile]) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -327,12 +330,12 @@ class Run:
         assert isinstance(segmenter, PolygonSource)
         blank = np.broadcast_to(np.zeros(1, np.uint8), (source.height, source.width, 3))
         polygons = [p for p in segmenter.polygons(Image(blank, source.path)) if p.area >= self.least[k]]
-        self.warnings += [f"{SIDES[k]} regions: {note}" for note in getattr(segmenter, "notes", [])]
+        self.messages += about(f"{SIDES[k]} regions", getattr(segmenter, "notes", []))
         return Stitched(polygons, np.zeros(len(polygons), bool), 0, 0)
 
     def _source_notes(self) -> list[str]:
         names = zip(SIDES, self.sources, strict=True)
-        notes = [f"{side} image: {note}" for side, source in names for note in source.notes]
+        notes = [text for side, source in names for text in about(f"{side} image", source.notes)]
         return notes + (
             [] if self.given else list(dict.fromkeys(n for s in self.segmenters for n in getattr(s, "notes", [])))
         )

@@ -1,5 +1,5 @@
 """Results as pictures."""
 
-from zpm2.view.overlay import overlay
+from zpm2.view.overlay import overlay, unmatched
 
-__all__ = ["overlay"]
+__all__ = ["overlay", "unmatched"]

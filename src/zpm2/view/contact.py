@@ -12,7 +12,7 @@ import PIL.ImageFont
 from numpy.typing import NDArray
 
 from zpm2.model import Image
-from zpm2.view.overlay import DARK, PALE, Pixels
+from zpm2.view.panel import DARK, PALE, Pixels
 
 BRIGHT = (255, 225, 0)  # outlines
 CAPTION = 20  # px below the crops

@@ -1,0 +1,232 @@
+"""One photograph, muted, with coloured regions, and their numbers: what both pictures of a result are made of."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import cv2
+import numpy as np
+import PIL.Image
+import PIL.ImageDraw
+import PIL.ImageFont
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.model import Image, Polygon
+
+Pixels = NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+CROWD = 300  # regions; of more, small ones have thin outlines and no numbers
+SMALL = 24  # px, the longer side of such a region
+LEAST = 15  # px, the smallest height of a number
+PALE_CROWD = 3000  # pale outlines of one photograph; more are fainter
+FAINTEST = 0.2  # 0..1 of the outlines' strength
+HALO = 2  # px around text
+WIDE = 2.0  # a label may be so much wider than the free circle that it is put on
+SOLID = (1.0, 0.0)  # px drawn and px left out, in turns along an outline
+DARK = (24, 24, 27)
+PALE = (214, 214, 214)
+
+
+@dataclass(frozen=True)
+class Region:
+    """A polygon on its panel."""
+
+    rings: list[NDArray[np.int32]]  # OpenCV points in 1/16 px, pixel centres at 0: exterior, then holes
+    box: tuple[int, int, int, int]  # x0, y0, x1, y1 panel px, end excluded
+    area: float  # share of the photograph, of the larger one of a matched pair
+    color: Color
+    label: str
+    dash: tuple[float, float] = SOLID
+
+    @property
+    def side(self) -> int:
+        """Of the box, the longer one, px."""
+        x0, y0, x1, y1 = self.box
+        return max(x1 - x0, y1 - y0)
+
+
+@dataclass(frozen=True)
+class Label:
+    """Text on a panel, white with a dark halo."""
+
+    text: str
+    at: tuple[float, float]  # panel px
+    size: int  # of the font, px
+    anchor: str
+
+
+def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
+    table = {p.id: p for p in polygons}
+    if len(table) != len(polygons):
+        raise InputError(f"two {side} polygons have the same id: number them first")
+    return table
+
+
+def share(polygon: Polygon, size: tuple[int, int]) -> float:
+    return polygon.area / (size[0] * size[1])
+
+
+def rings_of(polygon: Polygon, scale: NDArray[np.float64]) -> list[NDArray[np.int32]]:
+    """Exterior, then holes, as OpenCV points of the panel in 1/16 px; scale: (2,) panel px per px."""
+    return [np.rint((ring * scale - 0.5) * 16).astype(np.int32) for ring in (polygon.exterior, *polygon.holes)]
+
+
+def region_of(
+    polygon: Polygon,
+    scale: NDArray[np.float64],
+    size: tuple[int, int],
+    area: float,
+    color: Color,
+    label: str,
+    dash: tuple[float, float] = SOLID,
+) -> Region:
+    low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, size).astype(int)
+    high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, size).astype(int)
+    box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    return Region(rings_of(polygon, scale), box, area, color, label, dash)
+
+
+def painted(
+    image: Image,
+    size: tuple[int, int],
+    order: Sequence[Region],
+    others: Sequence[NDArray[np.int32]],
+    count: int,
+    crowded: bool,
+) -> tuple[Pixels, list[Pixels], NDArray[np.int32]]:
+    """One photograph, muted, with its regions, in `order`, and the pale rings of its `count` others.
+
+    A pixel has the colour of one region over the photograph, of the uppermost that covers it: colours never mix. Also,
+    for each region the mask of its box, and (h, w) the uppermost region of each pixel, -1 for none.
+    """
+    shrink = size[0] < image.width
+    rgb = cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA if shrink else cv2.INTER_CUBIC)
+    gray = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    panel = cv2.addWeighted(rgb, 0.35, gray, 0.5, 0)
+    owner = np.full(panel.shape[:2], -1, np.int32)
+    masks = []
+    for k, region in enumerate(order):
+        x0, y0, x1, y1 = region.box
+        mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
+        masks.append(mask)
+        if mask.size:
+            cv2.fillPoly(mask, [ring - np.array([x0 * 16, y0 * 16], np.int32) for ring in region.rings], 255, shift=4)
+            owner[y0:y1, x0:x1][mask > 0] = k
+    _fill(panel, owner, order)
+    outlined = cv2.polylines(panel.copy(), others, True, PALE, 1, cv2.LINE_AA, shift=4)
+    strength = max(FAINTEST, min(1.0, PALE_CROWD / max(count, 1)))
+    panel = cv2.addWeighted(outlined, strength, panel, 1 - strength, 0) if strength < 1 else outlined
+    for region in order:
+        small = crowded and region.side < SMALL
+        if not small:
+            cv2.polylines(panel, region.rings, True, DARK, 4, cv2.LINE_AA, shift=4)
+        outline(panel, region.rings, region.color, 1 if small else 2, region.dash)
+    return panel, masks, owner
+
+
+def _fill(panel: Pixels, owner: NDArray[np.int32], order: Sequence[Region]) -> None:
+    """Each pixel in the colour of its owner; large regions let more of the photograph through."""
+    share = np.sqrt([region.area for region in order])
+    alpha = np.append(np.interp(share, (0.05, 0.5), (0.6, 0.3)), 0.0).astype(np.float32)  # the last one: of no region
+    color = np.array([*(region.color for region in order), (0, 0, 0)], np.float32)
+    for rows in range(0, len(panel), 256):
+        part, top = panel[rows : rows + 256], owner[rows : rows + 256]
+        a = alpha[top][..., None]
+        part[:] = np.rint(part * (1 - a) + color[top] * a).astype(np.uint8)
+
+
+def outline(
+    panel: Pixels, rings: Sequence[NDArray[np.int32]], color: Color, width: int, dash: tuple[float, float]
+) -> None:
+    """Closed lines in turns of `dash` px drawn and left out."""
+    if dash == SOLID:
+        cv2.polylines(panel, rings, True, color, width, cv2.LINE_AA, shift=4)
+        return
+    for ring in rings:
+        pieces = dashes(ring / 16, dash)
+        cv2.polylines(panel, list(np.rint(pieces * 16).astype(np.int32)), False, color, width, cv2.LINE_AA, shift=4)
+
+
+def dashes(ring: NDArray[np.float64], dash: tuple[float, float]) -> NDArray[np.float64]:
+    """(n, 2) a closed line -> (m, 2, 2) the straight pieces of it that are drawn, ends in the line's order."""
+    closed = np.concatenate([ring, ring[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    turns = max(1, round(along[-1] / sum(dash)))  # whole ones, so that the ends meet as the others do
+    period = along[-1] / turns
+    starts = np.arange(turns) * period
+    cuts = np.unique(np.concatenate([along, starts, starts + period * dash[0] / sum(dash)]))
+    middle = (cuts[:-1] + cuts[1:]) / 2
+    drawn = middle % period < period * dash[0] / sum(dash) if period else np.zeros(len(middle), bool)
+    ends = np.stack([np.interp(cuts, along, closed[:, k]) for k in range(2)], axis=1)
+    return np.stack([ends[:-1], ends[1:]], axis=1)[drawn]
+
+
+def labels_of(
+    order: Sequence[Region], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
+) -> list[Label]:
+    """The name of the panel and the regions' numbers, small regions first: each at the point farthest from the border
+    of what is seen of its region and from the labels that are there already. In a crowd, only where it has room; tiny
+    regions may lie below it."""
+    tiny = np.array([crowded and region.side < LEAST for region in order] + [False])
+    free = np.full(owner.shape, 255, np.uint8)
+    labels = [_place(Label(name, (10, 6), 16, "lt"), free)]
+    for k in reversed(range(len(order))):
+        x0, y0, x1, y1 = order[k].box
+        if not masks[k].any() or (crowded and min(x1 - x0, y1 - y0) < LEAST):
+            continue
+        above = owner[y0:y1, x0:x1]
+        seen = np.where((above == k) | tiny[above], masks[k], 0).astype(np.uint8)
+        spot, radius = _pole(seen if crowded or seen.any() else masks[k], free[y0:y1, x0:x1], not crowded)
+        label = Label(order[k].label, (x0 + spot[0], y0 + spot[1]), int(np.clip(radius * 0.9, LEAST, 28)), "mm")
+        if crowded:
+            u0, v0, u1, v1 = extent(label)
+            if min(x1 - x0, 2 * radius * WIDE) < u1 - u0 or min(y1 - y0, 2 * radius) < v1 - v0:
+                continue
+        labels.append(_place(label, free))
+    return labels
+
+
+def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, int], float]:
+    """(x, y) of the pixel of `mask` farthest from its border and from what is not `free`, and that distance in px;
+    `anyhow`: what is not free counts too where there is no room."""
+    for candidate in (cv2.bitwise_and(mask, free), mask):
+        padded = cv2.copyMakeBorder(candidate, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+        _, radius, _, (x, y) = cv2.minMaxLoc(cv2.distanceTransform(padded, cv2.DIST_L2, 3))
+        if radius > 1.5 or not anyhow:
+            break
+    return (x - 1, y - 1), float(radius)
+
+
+@cache
+def font(size: int) -> PIL.ImageFont.FreeTypeFont | PIL.ImageFont.ImageFont:
+    return PIL.ImageFont.load_default(size)
+
+
+def extent(label: Label) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 panel px of a label with its halo."""
+    ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
+    return ruler.textbbox(label.at, label.text, font=font(label.size), anchor=label.anchor, stroke_width=HALO)
+
+
+def _place(label: Label, free: Pixels) -> Label:
+    """The label moved inside the panel; the place around it is no longer `free`."""
+    x0, y0, x1, y1 = extent(label)
+    height, width = free.shape
+    dx = max(0, 1 - x0) - max(0, x1 - width + 1)
+    dy = max(0, 1 - y0) - max(0, y1 - height + 1)
+    margin_x, margin_y = int(x1 - x0) // 2 + 2, int(y1 - y0) // 2 + 2  # half of a label of like size fits beside it
+    row = slice(max(0, int(y0 + dy) - margin_y), max(0, int(y1 + dy) + margin_y))
+    free[row, max(0, int(x0 + dx) - margin_x) : max(0, int(x1 + dx) + margin_x)] = 0
+    return replace(label, at=(label.at[0] + dx, label.at[1] + dy))
+
+
+def write(panel: Pixels, labels: Sequence[Label]) -> Pixels:
+    picture = PIL.Image.fromarray(panel)
+    draw = PIL.ImageDraw.Draw(picture)
+    for label in labels:
+        draw.text(
+            label.at, label.text, (255, 255, 255), font(label.size), label.anchor, stroke_width=HALO, stroke_fill=DARK
+        )
+    return np.asarray(picture)
