@@ -40,7 +40,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_four_files(saved: Path) -> None:
-    assert sorted(p.name for p in saved.iterdir()) == FILES
+    assert sorted(p.name for p in saved.iterdir()) == [".zpm2", *FILES]
     with PIL.Image.open(saved / "overlay.png") as picture:
         picture.load()
         assert picture.width > 800
@@ -242,7 +242,7 @@ def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], tmp_path: Path) -> None:
     code, out, _ = run("demo", "-o", tmp_path, *quick_demo)
     assert code == 0
-    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted([*FILES, "left.png", "right.png"])
+    assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted([".zpm2", *FILES, "left.png", "right.png"])
     assert "Against the exact depth" in out
     assert f"Open {tmp_path / 'overlay.png'}" in out
     assert "zpm2 match left.png right.png -o out" in out
@@ -304,7 +304,7 @@ def test_an_interrupt_is_130_and_leaves_nothing(
     monkeypatch.setattr("zpm2.pipeline.search_candidates", interrupt)
     out = tmp_path / "out"
     assert run("match", pair.left, pair.right, "-o", out, *pair.regions).code == 130
-    assert list(out.iterdir()) == []
+    assert not out.exists()
 
 
 def test_standard_error_is_not_a_terminal_here() -> None:

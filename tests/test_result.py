@@ -57,7 +57,7 @@ def result(tmp_path: Path) -> MatchResult:
 
 def test_round_trip(result: MatchResult, tmp_path: Path) -> None:
     folder = result.save(tmp_path / "new" / "out")
-    assert sorted(p.name for p in folder.iterdir()) == FILES
+    assert sorted(p.name for p in folder.iterdir()) == [".zpm2", *FILES]
     for path in (folder, str(folder), folder / "matches.json"):
         loaded = MatchResult.load(path)
         assert loaded.to_dict() == result.to_dict()

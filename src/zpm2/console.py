@@ -1,14 +1,15 @@
 """What the commands share: their common options, the configuration that these make, progress bars, weights."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.config import Config
@@ -67,16 +68,21 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 
 
 @contextmanager
-def fresh_folder(out: Path, *inputs: Path) -> Iterator[Path]:
-    """The output folder, tried out; gone again if a run that made it ends in an error and left nothing in it."""
-    from zpm2.io.files import output_folder
+def fresh_folder(out: Path, *inputs: Path | None, names: Iterable[str] = (), kept: str = "") -> Iterator[Path]:
+    """The output folder, tried out, in which only what a run made is replaced (`io.files.results_folder`); gone again
+    if a run that made it ends early and left nothing in it.
 
-    fresh = not out.exists()
-    output_folder(out, inputs)
+    names: of the files and folders that the command may write there. kept: the place in it of what an interrupted run
+    leaves for the next one.
+    """
+    from zpm2.io.files import results_folder
+
     try:
-        yield out
-    except Zpm2Error:
-        if fresh:
-            with suppress(OSError):  # not empty: somebody else put something there
-                out.rmdir()
+        with results_folder(out, names, [path for path in inputs if path is not None]):
+            yield out
+    except KeyboardInterrupt:
+        if kept and any((out / kept).glob("*")):
+            print(
+                f"zpm2: what is finished is kept in {out / kept}: run the same command again to go on", file=sys.stderr
+            )
         raise

@@ -107,6 +107,7 @@ def test_everything_is_saved_and_nothing_else(
     assert save(cloud, tmp_path / "out") == []
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
+        ".zpm2",
         *("cloud.json", "cloud.html", "cloud.png", "cloud.glb", "patches.ply", "points.ply"),
         *("boundaries.geojson", "boundaries.wkt"),
     }

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zpm2.config import Config
+from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.protocol import PolygonSource
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
@@ -82,9 +83,10 @@ class Run:
         once = replace(tile_config, points=replace(tile_config.points, look_again=False))
         self.tile = PolygonMatcher(once, segmenter=asked, points=points, progress=quiet)
         stages = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
-        name = "/".join(str(getattr(segmenter, "path", segmenter.name)) for segmenter in segmenters)
+        name = "/".join(segmenter.name for segmenter in segmenters)
+        regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = {stage: self.config.to_dict()[stage] for stage in stages}
-        self.kept = Kept(kept, tiles.key(sources, values, name) if kept is not None else "")
+        self.kept = Kept(kept, tiles.key(sources, values, name, regions) if kept is not None else "")
 
     def result(self) -> MatchResult:
         config = self.config
