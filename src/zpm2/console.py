@@ -82,7 +82,6 @@ def fresh_folder(out: Path, *inputs: Path | None, names: Iterable[str] = (), kep
             yield out
     except KeyboardInterrupt:
         if kept and any((out / kept).glob("*")):
-            print(
-                f"zpm2: what is finished is kept in {out / kept}: run the same command again to go on", file=sys.stderr
-            )
+            said = f"interrupted; what is finished is kept in {out / kept}: run the same command again to go on"
+            print(f"zpm2: {said}", file=sys.stderr)
         raise

@@ -13,6 +13,7 @@ from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.io.files import atomic_write, claim, output_folder
 from zpm2.io.keys import code, key
+from zpm2.io.places import is_content
 from zpm2.io.record import discard, keep, kept, made_folder
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
@@ -111,6 +112,13 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
     if (folder / "failed.json").exists():
         return str(_read_json(folder / "failed.json")["reason"])
     return None
+
+
+def is_of(pair: EvalPair, out: Path) -> bool:
+    """Whether the prediction of a pair is of the photographs that it has now."""
+    document = _read_json(folder_of(pair, out) / "matches.json")
+    sides = (document["left"], pair.left), (document["right"], pair.right)
+    return all(is_content(side, file) for side, file in sides)
 
 
 def load_pose(pair: EvalPair, out: Path) -> dict[str, Any] | None:

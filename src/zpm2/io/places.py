@@ -8,18 +8,24 @@ from typing import Any
 from zpm2.io.keys import fingerprint
 
 
+def absolute(path: str | None) -> str | None:
+    """The path from the root, so that it holds wherever the process goes. What is no file's path, such as GDAL's name
+    for a part of a file, stays as it is."""
+    return os.path.abspath(path) if path is not None and os.path.exists(path) else path
+
+
 def place(path: str | None, folder: Path) -> dict[str, str | None]:
     """What a result in `folder` says of a photograph: `path` (absolute), `relative_path` (from the folder, with /, null
-    on another drive) and `content` (`keys.fingerprint`), each null where there is none."""
-    if path is None:
-        return {"path": None, "relative_path": None, "content": None}
-    absolute = os.path.abspath(path)
-    real = Path(os.path.realpath(os.path.dirname(absolute)), os.path.basename(absolute))
+    on another drive) and `content` (`keys.fingerprint`); the last two null where there is no such file."""
+    if path is None or not os.path.exists(path):
+        return {"path": path, "relative_path": None, "content": None}
+    full = os.path.abspath(path)
+    real = Path(os.path.realpath(os.path.dirname(full)), os.path.basename(full))
     try:
         relative = Path(os.path.relpath(real, os.path.realpath(folder))).as_posix()
     except ValueError:  # another drive
         relative = None
-    return {"path": absolute, "relative_path": relative, "content": _content(absolute)}
+    return {"path": full, "relative_path": relative, "content": _content(full)}
 
 
 def find(values: Mapping[str, Any], folder: Path) -> str | None:
@@ -37,7 +43,12 @@ def find(values: Mapping[str, Any], folder: Path) -> str | None:
     return next(iter([*same, *there, path]))
 
 
-def _content(file: str) -> str | None:
+def is_content(values: Mapping[str, Any], file: str | Path) -> bool:
+    """Whether a file holds what the photograph held that `place` described; true where nobody noted it."""
+    return values.get("content") in (None, _content(file))
+
+
+def _content(file: str | Path) -> str | None:
     try:
         return fingerprint(file)
     except (OSError, ValueError):
