@@ -120,7 +120,7 @@ def test_names_that_are_taken_are_refused_before_the_work_begins(
         write(out, names)
         before = sorted(str(p) for p in out.rglob("*"))
         err = refused(run, words, out)
-        assert "is there already, and zpm2 did not make it" in err
+        assert "is there already, and is not on record as made by zpm2" in err
         if len(names) == 1:
             assert names[0].partition("/")[0] in err
         check(out, names)

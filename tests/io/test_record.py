@@ -26,7 +26,7 @@ def test_own_files_are_replaced_and_others_are_not(tmp_path):
     for content in ("one", "two"):
         atomic_write(tmp_path / "a.json", content)
     assert (tmp_path / "a.json").read_text() == "two"
-    with pytest.raises(OutputError, match=r"b\.json is there already, and zpm2 did not make it: move .*output folder"):
+    with pytest.raises(OutputError, match=r"b\.json is there already, and is not on record .*: move .* another output"):
         atomic_write(tmp_path / "b.json", "ours")
     with pytest.raises(OutputError, match=r"b\.json is there already"):
         discard(tmp_path / "b.json")
@@ -133,8 +133,10 @@ def test_a_finished_folder_is_put_on_record_with_all_its_files(tmp_path):
         put(part / "dense", tmp_path / "dense")
     assert not part.exists()
     atomic_write(tmp_path / "dense" / "stereo" / "a.bin", b"y")
-    discard(tmp_path / "dense")
+    discard(tmp_path / "dense" / "stereo" / "a.bin")
     assert contents(tmp_path) == {}
+    with pytest.raises(OutputError, match="dense is a folder that others may have put files into"):
+        discard(tmp_path / "dense")
 
 
 def test_a_folder_may_be_moved(tmp_path):
@@ -198,13 +200,11 @@ def test_what_a_killed_run_left_goes_with_the_next_one(tmp_path):
 
 
 def test_removal_is_in_one_place():
-    """And in the weights' cache, which is no folder of the user's."""
     package = Path(zpm2.__file__).parent
     words = ("rmtree(", ".unlink(", "os.remove(", "os.rename(", "shutil.move(", "write_text(", "write_bytes(")
-    allowed = {"io/record.py", "io/files.py", "weights/store.py"}
     found = {
         path.relative_to(package).as_posix()
         for path in package.rglob("*.py")
         if any(word in path.read_text(encoding="utf-8") for word in words)
     }
-    assert found == allowed
+    assert found == {"io/record.py", "io/files.py"}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.errors import ConfigError, MissingDependency
-from zpm2.io.record import scratch
+from zpm2.io.record import scratch, sweep
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -186,6 +186,7 @@ def _converted(model: str, openvino_version: str, say: Say) -> Path:
     if (folder / "embedding.npz").exists():
         return folder
     say(f"converting {name} to OpenVINO, once")
+    sweep(folder.parent)
     with scratch(folder.parent) as part:
         _convert(model, part)
         with suppress(OSError):  # not empty: another process was faster, and its networks are as good

@@ -37,9 +37,7 @@ def mark(folder: Path) -> None:
         hidden.mkdir(exist_ok=True)
         _append(hidden / RECORD, FORMAT)
         return
-    for part in _parts(home).glob("*.part"):
-        if not _alive(part.name.partition("-")[0]):
-            discard(part)
+    sweep(_parts(home))
 
 
 def unmark(folder: Path) -> None:
@@ -64,7 +62,7 @@ def refuse_foreign(path: Path) -> None:
     known = _made(home).get(_name(path, home), set())
     if plain and (FOLDER in known if path.is_dir() else path.is_file() and fingerprint(path) in known):
         return
-    what = "was changed since zpm2 wrote it" if known else "is there already, and zpm2 did not make it"
+    what = "was changed since zpm2 wrote it" if known else "is there already, and is not on record as made by zpm2"
     raise OutputError(f"{path} {what}: move it away, or give another output folder")
 
 
@@ -106,7 +104,10 @@ def kept(folder: Path) -> str | None:
 
 
 def discard(path: Path) -> None:
-    """Removes a file, or a folder with all that is in it, if it is there and a run made it."""
+    """Removes a file that a run made, or something in the hidden folder with all that is in it, if it is there."""
+    home = _home(path)
+    if path.is_dir() and not (home is not None and _is_own(path, home)):
+        raise OutputError(f"{path} is a folder that others may have put files into: it is not removed")
     refuse_foreign(path)
     _remove(path)
 
@@ -127,6 +128,14 @@ def scratch(folder: Path) -> Iterator[Path]:
         yield path
     finally:
         _remove(path)
+
+
+def sweep(folder: Path) -> None:
+    """Removes what killed runs left of `scratch` in a folder that is all ours."""
+    for part in folder.glob("*.part"):
+        process = part.name.lstrip(".").partition("-")[0]
+        if process.isdecimal() and not _alive(int(process)):
+            _remove(part)
 
 
 def _remove(path: Path) -> None:
@@ -194,15 +203,15 @@ def _parts(home: Path) -> Path:
     return home / HIDDEN / "parts"
 
 
-def _alive(process: str) -> bool:
+def _alive(process: int) -> bool:
     """Whether a process is at work: its files stay. Windows does not let go of files that are open, and has no harmless
     signal to ask with."""
-    if sys.platform == "win32" or not process.isdecimal():
+    if sys.platform == "win32":
         return False
     try:
-        os.kill(int(process), 0)
+        os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:
+    except PermissionError:  # somebody else's
         return True
     return True
