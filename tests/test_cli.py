@@ -43,7 +43,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_five_files(saved: Path) -> None:
-    assert sorted(p.name for p in saved.iterdir()) == FILES
+    assert sorted(p.name for p in saved.iterdir()) == [".zpm2", *FILES]
     with PIL.Image.open(saved / "overlay.png") as picture:
         picture.load()
         assert picture.width > 800
@@ -246,7 +246,7 @@ def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], 
     code, out, _ = run("demo", "-o", tmp_path, *quick_demo)
     assert code == 0
     assert sorted(p.name for p in tmp_path.glob("*.*")) == sorted(
-        [*FILES, *(f"{side}{kind}.png" for side in ("left", "right") for kind in ("", "_labels"))]
+        [".zpm2", *FILES, *(f"{side}{kind}.png" for side in ("left", "right") for kind in ("", "_labels"))]
     )
     assert "Against the exact depth" in out
     assert f"Open {tmp_path / 'overlay.png'}" in out
@@ -325,7 +325,7 @@ def test_an_interrupt_is_130_and_leaves_nothing(
     out.mkdir()
     (out / "mine.txt").touch()
     code, _, err = run("match", pair.left, pair.right, "-o", out, *pair.regions)
-    assert (code, err.strip()) == (130, f"zpm2: interrupted; what was finished stays in {out}")
+    assert (code, err.strip()) == (130, "zpm2: interrupted; nothing was written")
     assert [path.name for path in out.iterdir()] == ["mine.txt"]
 
 

@@ -11,10 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from zpm2.cloud.export import write_surface
 from zpm2.cloud.stereo import Rig, disparity_mesh
+from zpm2.cloud_cli import _asked
+from zpm2.config import assign, preset
+from zpm2.io import claim
+from zpm2.io.keys import key
+from zpm2.io.record import keep, made_folder
 from zpm2.model import Camera
 
 pytest.importorskip("trimesh")
 SIFT = ("--set", "points.methods=sift", "--device", "cpu")
+SIFT_SETTINGS = ["points.methods=sift", "device=cpu"]
 
 
 @pytest.fixture(autouse=True)
@@ -104,12 +110,10 @@ def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
 
 def with_matches(matches: Path, workspace: Path, out: Path) -> None:
     """The matches where an earlier run of the same workspace would have left them."""
-    folder = out / "pairs" / "left-right"
-    shutil.copytree(matches, folder)
-    document = json.loads((folder / "matches.json").read_text())
-    for side in ("left", "right"):
-        document[side]["path"] = str(workspace / "images" / f"{side}.png")
-    (folder / "matches.json").write_text(json.dumps(document))
+    folder = made_folder(made_folder(claim(out, []) / "pairs") / "left-right")
+    shutil.copy(matches / "matches.json", folder)
+    photographs = [workspace / "images" / f"{side}.png" for side in ("left", "right")]
+    keep(folder, key(photographs, _asked(assign(preset("default"), SIFT_SETTINGS).to_dict())))
 
 
 def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The command line: `zpm2 demo`, `match`, `pose`, `reconstruct`, `cloud`, `eval`, `config`, `weights`, `doctor`."""
 
 import json
-import shutil
 import sys
 from collections import Counter
 from pathlib import Path
@@ -218,6 +217,9 @@ def match_command(
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
+    from zpm2.io.record import TILES, discard
+    from zpm2.result import file_names
+
     options = {
         "segmenter": None if segmenter == "precomputed" else segmenter,
         "quality": quality,
@@ -233,13 +235,14 @@ def match_command(
     formats = _formats(formats)
     own = own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
-    with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
-        kept = out / "tiles"
-        more = {"kept": kept} if method == "zpm2" else {}
+    inputs = left, right, left_regions, right_regions
+    folder = fresh_folder(out, *inputs, names=file_names(formats), kept=TILES)
+    with folder, bars(quiet or as_json) as (progress, say):
+        more = {"kept": out / TILES} if method == "zpm2" else {}
         matcher = open_method(method, config, segmenter=own, progress=progress, say=say, **more)
         result = finished(matcher(left, right), non_overlapping, outlines)
         result.save(out, formats)
-        shutil.rmtree(kept, ignore_errors=True)
+        discard(out / TILES)
     _report(result, out, quiet, as_json)
 
 
@@ -259,31 +262,34 @@ def demo(
     Writes the files of zpm2 match beside left.png and right.png, and the true regions of both as label images,
     left_labels.png and right_labels.png, to try --left-regions and --right-regions with.
     """
-    from PIL import Image
+    import cv2
 
     from zpm2.demo import render_scene, score
+    from zpm2.io.files import atomic_write
     from zpm2.pipeline import PolygonMatcher
+    from zpm2.result import file_names
 
     config = configure(preset, None, settings, {"device": device, "seed": seed})
     use_weights(weights_dir)
-    with fresh_folder(out) as folder, bars(quiet or as_json) as (progress, say):
+    names = "left.png", "right.png", "left_labels.png", "right_labels.png"
+    with fresh_folder(out, names=[*names, *file_names()]), bars(quiet or as_json) as (progress, say):
         progress("render", 0.0)
         scene = render_scene(config.seed)
-        for name, pixels, labels in (("left", scene.left, scene.labels), ("right", scene.right, scene.labels_right)):
-            Image.fromarray(pixels).save(folder / f"{name}.png")
-            Image.fromarray(labels).save(folder / f"{name}_labels.png")
+        photographs = [cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) for pixels in (scene.left, scene.right)]
+        for name, pixels in zip(names, (*photographs, scene.labels, scene.labels_right), strict=True):
+            atomic_write(out / name, cv2.imencode(".png", pixels)[1].tobytes())
         progress("render", 1.0)
         matcher = PolygonMatcher(config, progress=progress, say=say)
-        result = matcher(folder / "left.png", folder / "right.png")
-        result.save(folder)
+        result = matcher(out / names[0], out / names[1])
+        result.save(out)
     truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
-    _report(result, folder, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
+    _report(result, out, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
     if not (quiet or as_json):
         print(
             f"Against the exact depth: {truth.good} of {truth.scored} matches right (IoU >= 0.5), "
             f"{truth.coverage:.0%} of the area that both cameras see is covered."
         )
-        print(f"Open {folder / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
+        print(f"Open {out / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
 
 
 @app.command(cls=Command)

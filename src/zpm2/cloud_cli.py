@@ -23,7 +23,6 @@ from zpm2.console import (
     bars,
     configure,
     fresh_folder,
-    goes_on,
     use_weights,
 )
 from zpm2.errors import ConfigError, Failed, InputError
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
 
 WORKSPACE = "A workspace"  # groups of options in the help
 STEREO = "A rectified pair"
+PAIRS = "pairs"  # folder of the matches of each pair
 UNMATCHED = ("cloud", "pose", "device")  # stages of a configuration that do not change matches
 
 
@@ -127,14 +127,18 @@ def cloud(
         raise ConfigError("give one workspace, or two photographs with --stereo")
     from zpm2.cloud import save
     from zpm2.cloud.export import require_laspy
+    from zpm2.cloud.save import NAMES
     from zpm2.cloud.surface import require_trimesh
 
     require_trimesh()
     if las:
         require_laspy()
     use_weights(weights_dir)
-    going_on = goes_on(f"matched pairs stay in {out / 'pairs'}")
-    with fresh_folder(out, *inputs), going_on, bars(quiet or as_json) as (progress, say):
+    names = [*NAMES, "mesh.ply"] if stereo else NAMES
+    names = [*names, *([] if matches else [PAIRS])]
+    given = mesh, images, cameras, calib, disparity, *(Path(text) for text in (k, k2) if text is not None)
+    folder = fresh_folder(out, *inputs, *given, names=names, kept=PAIRS)
+    with folder, bars(quiet or as_json) as (progress, say):
         matcher = _Matcher(config, progress, say, out)
         if stereo:
             rig = _rig(calib, k, k2, baseline, inputs)
@@ -165,25 +169,27 @@ class _Matcher:
         self._matcher: PolygonMatcher | None = None
 
     def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
+        from zpm2.io.keys import key
+        from zpm2.io.record import keep, kept, made_folder
         from zpm2.result import MatchResult
 
-        folder = self.out / "pairs" / "-".join(str(Path(name).with_suffix("")).replace("/", "_") for name in names)
-        if (folder / "matches.json").exists():
-            kept = MatchResult.load(folder)
-            paths = [side.path and Path(side.path).resolve() for side in (kept.left, kept.right)]
-            if paths == [left.resolve(), right.resolve()] and _asked(kept.config) == _asked(self.config.to_dict()):
-                return kept
+        name = "-".join(str(Path(name).with_suffix("")).replace("/", "_") for name in names)
+        folder, asked = self.out / PAIRS / name, key([left, right], _asked(self.config.to_dict()))
+        if kept(folder) == asked and (folder / "matches.json").exists():
+            return MatchResult.load(folder)
         if self._matcher is None:
             from zpm2.pipeline import PolygonMatcher
 
             self._matcher = PolygonMatcher(self.config, progress=self.progress, say=self.say)
-        self._matcher(left, right).save(folder)
+        made_folder(self.out / PAIRS)
+        self._matcher(left, right).save(made_folder(folder))
+        keep(folder, asked)
         return MatchResult.load(folder)  # without the pixels
 
 
-def _asked(config: Any) -> dict[str, Any]:
-    """The part of a configuration that makes matches, as JSON has it."""
-    return json.loads(json.dumps({name: value for name, value in config.items() if name not in UNMATCHED}))
+def _asked(config: dict[str, Any]) -> dict[str, Any]:
+    """The part of a configuration that makes matches."""
+    return {name: value for name, value in config.items() if name not in UNMATCHED}
 
 
 def _workspace(

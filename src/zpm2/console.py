@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -223,32 +223,24 @@ def lines() -> Iterator[Callable[[str, float], None]]:
 
 
 @contextmanager
-def fresh_folder(out: Path, *inputs: Path) -> Iterator[Path]:
-    """The output folder, tried out; gone again if a run that made it ends early and left nothing in it. An interrupt
-    says what stays."""
-    from zpm2.io.files import output_folder
+def fresh_folder(out: Path, *inputs: Path | None, names: Iterable[str] = (), kept: str = "") -> Iterator[Path]:
+    """The output folder, tried out, in which only what a run made is replaced (`io.files.results_folder`); gone again
+    if a run that made it ends early and left nothing in it. An interrupt says what stays.
 
-    fresh = not out.exists()
-    output_folder(out, inputs)
+    names: of the files and folders that the command may write there. kept: the place in it of what an interrupted run
+    leaves for the next one.
+    """
+    from zpm2.io.files import results_folder
+    from zpm2.io.record import HIDDEN
+
     try:
-        yield out
-    except BaseException as error:
-        if fresh:
-            with suppress(OSError):  # not empty: there is something to keep
-                out.rmdir()
-        if isinstance(error, KeyboardInterrupt):
-            stays = out.exists() and any(out.iterdir())
-            error.add_note(f"what was finished stays in {out}" if stays else "nothing was written")
-        raise
-
-
-@contextmanager
-def goes_on(what: str) -> Iterator[None]:
-    """For work that a second run of the same command goes on with; an interrupt says so."""
-    try:
-        yield
+        with results_folder(out, names, [path for path in inputs if path is not None]):
+            yield out
     except KeyboardInterrupt as stop:
-        stop.add_note(f"{what}, and the same command goes on from there")
+        if kept and any((out / kept).glob("*")):
+            stop.add_note(f"what is finished is kept in {out / kept}: run the same command again to go on")
+        else:
+            stop.add_note(f"what was finished stays in {out}" if (out / HIDDEN).exists() else "nothing was written")
         raise
 
 

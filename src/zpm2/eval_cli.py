@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zpm2.console import Method, Out, Preset, Quiet, Settings, goes_on, one_of
+from zpm2.console import Method, Out, Preset, Quiet, Settings, fresh_folder, one_of
 from zpm2.errors import ConfigError, InputError
 from zpm2.methods import check_method, open_method
 
@@ -73,19 +73,20 @@ def evaluate(
     tell = _teller(len(pairs), quiet)
     if score_only and not (out / "run.json").exists():
         raise InputError(f"{out} holds no predictions: run the same command without --score-only first")
-    if not score_only:
-        kept = KeptRegions(regions) if regions else None
-        source = str(regions.resolve()) if regions else None
-        predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
-        posed = _posed(config) if method == "zpm2" else lambda pair, result: None
-        matcher = functools.partial(_matcher, method, config, kept)
-        with goes_on(f"matched pairs stay in {out}"):
-            predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed)
-    tell = _teller(len(pairs), quiet)
-    rows = report.collect(pairs, out, lambda text: tell("scored", text))
-    made_by = shlex.join(["zpm2", *sys.argv[1:]])
-    beside = report.pose_table(rows) if dataset == "scannet1500" else ""
-    report.write(f"{dataset}, {method}, preset {preset}", rows, out, made_by, parquet, beside)
+    names = [predictions.RUN, predictions.PREDICTIONS, *report.names(parquet)]
+    with fresh_folder(out, names=names, kept=predictions.PREDICTIONS):
+        if not score_only:
+            kept = KeptRegions(regions) if regions else None
+            source = str(regions.resolve()) if regions else None
+            predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
+            posed = _posed(config) if method == "zpm2" else lambda pair, result: None
+            matcher = functools.partial(_matcher, method, config, kept)
+            predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed, regions)
+        tell = _teller(len(pairs), quiet)
+        rows = report.collect(pairs, out, lambda text: tell("scored", text))
+        made_by = shlex.join(["zpm2", *sys.argv[1:]])
+        beside = report.pose_table(rows) if dataset == "scannet1500" else ""
+        report.write(f"{dataset}, {method}, preset {preset}", rows, out, made_by, parquet, beside)
     for values in rows:
         if values["status"] != "ok":
             print(f"warning: {values['pair']}: {values['status']}", file=sys.stderr)

@@ -120,13 +120,17 @@ def pose(
     from zpm2.io.images import read_image
     from zpm2.pipeline import PolygonMatcher
     from zpm2.pose import PoseFinder
+    from zpm2.pose.result import NAME as POSE
     from zpm2.regions import resolve_device
-    from zpm2.result import MatchResult
+    from zpm2.result import MatchResult, file_names
 
     finder = PoseFinder(config, device=resolve_device(config.device))
     images = read_image(left, "left image"), read_image(right, "right image")
     cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
-    with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
+    names = [POSE, *(["rectified"] if rectify else []), *(["colmap"] if colmap else [])]
+    inputs = left, right, *(Path(text) for text in (k, k2) if text is not None)
+    folder = fresh_folder(out, *inputs, names=[*names, *(file_names() if matches is None else [])])
+    with folder, bars(quiet or as_json) as (progress, say):
         if matches is None:
             matched = PolygonMatcher(config, progress=progress, say=say)(left, right)
             matched.save(out)
@@ -185,7 +189,8 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     import cv2
 
     from zpm2.io import geojson
-    from zpm2.io.files import atomic_write, output_folder
+    from zpm2.io.files import atomic_write
+    from zpm2.io.record import made_folder
     from zpm2.model import counterparts
     from zpm2.pose.rectify import rectify
     from zpm2.result import SIDES
@@ -194,7 +199,7 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     if isinstance(pair, Failed):
         print(f"warning: not rectified: {pair}", file=sys.stderr)
         return []
-    folder = output_folder(out / "rectified")
+    folder = made_folder(out / "rectified")
     for name, side in zip(SIDES, (pair.left, pair.right), strict=True):
         picture = cv2.cvtColor(side.image.rgb, cv2.COLOR_RGB2BGR)
         atomic_write(folder / f"{name}.png", cv2.imencode(".png", picture)[1].tobytes())
@@ -207,12 +212,14 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
 
 
 def _colmap(found: "PoseResult", paths: tuple[Path, Path], out: Path) -> list[str]:
+    from zpm2.io.record import made_folder
     from zpm2.pose import colmap
 
     if isinstance(found.pose, Failed) or found.translation is None:
         print("warning: no COLMAP model: there is no pose with a translation", file=sys.stderr)
         return []
-    return [str(colmap.write(found, (paths[0].name, paths[1].name), out / "colmap"))]
+    folder = made_folder(out / "colmap")
+    return [str(colmap.write(found, (paths[0].name, paths[1].name), folder))]
 
 
 def _report(

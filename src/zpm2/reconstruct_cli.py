@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from zpm2.console import AsJson, Out, Quiet, bars, goes_on
+from zpm2.console import AsJson, Out, Quiet, bars, fresh_folder
 from zpm2.errors import ConfigError
 
 
@@ -42,7 +42,7 @@ def reconstruct(
     from zpm2.cloud.workspace import read_views
     from zpm2.io.images import read_image
     from zpm2.io.inputs import photographs
-    from zpm2.reconstruct import Options
+    from zpm2.reconstruct import Options, claimed_names
     from zpm2.reconstruct import reconstruct as run
 
     known = None
@@ -56,8 +56,8 @@ def reconstruct(
         paths = photographs(images[0]) if len(images) == 1 else images
     for path in paths:
         read_image(path)  # one line for what cannot be read, before anything is written
-    going_on = goes_on(f"what was finished stays in {out}")
-    with going_on, bars(quiet or as_json) as (progress, _):
+    folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")
+    with folder, bars(quiet or as_json) as (progress, _):
         made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
     for note in made.notes:
         print(f"warning: {note}", file=sys.stderr)

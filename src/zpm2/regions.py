@@ -11,6 +11,7 @@ from zpm2.detect.protocol import PolygonSource, PromptedSegmenter, Segmenter
 from zpm2.detect.vectorize import vectorize
 from zpm2.errors import ConfigError
 from zpm2.global_match import InitialGeometry
+from zpm2.io.places import absolute
 from zpm2.local_match import guided
 from zpm2.local_match.guidance import Guidance
 from zpm2.messages import about
@@ -34,7 +35,9 @@ class Detected:
         polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
         if self.pair is not None:
             polygons, matches = guided.settle(self.pair, matches)
-        left, right = (Side(i.width, i.height, p, i.path, i) for i, p in zip(self.images, polygons, strict=True))
+        left, right = (
+            Side(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
+        )
         return (left, right), matches
 
 

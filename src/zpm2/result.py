@@ -31,8 +31,9 @@ from zpm2.io.document import (
     side_from_dict,
     side_to_dict,
 )
-from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.files import atomic_write, claim
 from zpm2.io.layer import Layer, feature_collection
+from zpm2.io.places import find, place
 from zpm2.io.source import Held, Source, open_source, reduced
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
@@ -50,6 +51,15 @@ ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
 FORMATS = ("gpkg", "shapefile", "coco")  # of files that `save` writes when asked for
 SHEET = 100  # matches on a contact sheet
 NOTEBOOK = 1600  # px, the longest side of an overlay in a notebook
+NAMES = (
+    *("left.geojson", "right.geojson", "overlay.png", "unmatched.png", "contact.png", "matches.json"),
+    *(f"matches.gpkg{suffix}" for suffix in ("", *gis.LOG_FILES)),
+)
+MORE_NAMES = {  # of files that a format adds
+    "gpkg": (),
+    "shapefile": tuple(f"{side}{suffix}" for side in SIDES for suffix in gis.SIDE_FILES),
+    "coco": ("left.coco.json", "right.coco.json"),
+}
 CROP = 300  # px, the longest side at which a crop of it is read
 
 
@@ -269,13 +279,15 @@ class MatchResult:
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
         "coco" (left.coco.json, right.coco.json). Each file appears whole or not at all, and matches.json comes last:
-        where it is, the others are. `OutputError` if the folder cannot be written, `MissingDependency` for a format
-        without its package, and `InputError` as from `plot`.
+        where it is, the others are. Files of an earlier result are replaced, others never. `OutputError` if the folder
+        cannot be written or holds other files of these names, `MissingDependency` for a format without its package, and
+        `InputError` as from `plot`.
         """
+        photographs = [side.path for side in (self.left, self.right) if side.path is not None]
         pictures = {"overlay": self.plot(), "unmatched": self.plot_unmatched()}
         if any(side.image is not None and side.image.width < side.width for side in (self.left, self.right)):
             pictures["contact"] = self.contact_sheet()
-        folder = output_folder(directory)
+        folder = claim(directory, file_names(formats), photographs)
         for name, collection in self.to_geojson().items():
             geojson.write(folder / f"{name}.geojson", collection)
         layers = self._layer("left"), self._layer("right")
@@ -290,12 +302,19 @@ class MatchResult:
         for name, picture in pictures.items():
             pixels = cv2.cvtColor(np.asarray(picture), cv2.COLOR_RGB2BGR)
             atomic_write(folder / f"{name}.png", cv2.imencode(".png", pixels)[1].tobytes())
-        atomic_write(folder / "matches.json", json.dumps(self.to_dict(), allow_nan=False))
+        document = self.to_dict()
+        for name in SIDES:
+            document[name] |= place(document[name]["path"], folder)
+        atomic_write(folder / "matches.json", json.dumps(document, allow_nan=False))
         return folder
 
     @staticmethod
     def load(path: str | Path) -> "MatchResult":
-        """A result from a folder that `save` wrote, or from a matches.json."""
+        """A result from a folder that `save` wrote, or from a matches.json.
+
+        Its photographs are looked for where they were, seen from that folder, then at their absolute place: the result
+        may be moved, with them or alone. `InputError` for anything else.
+        """
         path = Path(path)
         file = path / "matches.json" if path.is_dir() else path
         try:
@@ -307,9 +326,16 @@ class MatchResult:
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError(f"{file} is no {SCHEMA} file; give the folder that zpm2 match wrote")
         try:
+            for name in SIDES:
+                document[name]["path"] = find(document[name], file.parent)
             return _from_dict(document)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
+
+
+def file_names(formats: Sequence[str] = ()) -> list[str]:
+    """The names of all files that `MatchResult.save` may write."""
+    return [*NAMES, *(name for kind in formats for name in MORE_NAMES[kind])]
 
 
 def _only(side: Side, polygons: Sequence[Polygon], alone: Mapping[int, str]) -> Side:

@@ -36,6 +36,9 @@ def test_cloud_json(cloud: PolygonCloud, tmp_path: Path) -> None:
     assert first["normal"] == pytest.approx([0, 0, 1], abs=1e-6)
     assert document["patches"][9]["parent"] is not None
     assert [view["name"] for view in document["views"]] == ["0.png", "1.png"]
+    for view in document["views"]:
+        assert Path(view["path"]).is_absolute()
+        assert (tmp_path / view["relative_path"]).samefile(view["path"])
 
 
 def test_ply(cloud: PolygonCloud, tmp_path: Path) -> None:
@@ -107,6 +110,7 @@ def test_everything_is_saved_and_nothing_else(
     assert save(cloud, tmp_path / "out") == []
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
+        ".zpm2",
         *("cloud.json", "cloud.html", "cloud.png", "cloud.glb", "patches.ply", "points.ply"),
         *("boundaries.geojson", "boundaries.wkt"),
     }

@@ -198,7 +198,7 @@ def test_the_key_says_what_would_give_the_same_tiles(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert key(["a.png", "b.png"]) == first  # the same files by other words
     with monkeypatch.context() as patch:
-        patch.setattr(tiles, "__version__", "0.0.0")
+        patch.setattr("zpm2.io.keys.code", lambda: "other")
         assert key() != first
     assert key() == first
     photograph(paths[1], 5)
@@ -213,6 +213,31 @@ def test_the_key_of_a_file_that_is_read_by_windows(tmp_path):
         assert tiles.key([source], {}, "") == first
         os.utime(path, ns=(1, 1))
         assert tiles.key([source], {}, "") != first
+
+
+def test_the_key_of_a_mosaic_is_that_of_its_parts(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    pixels = np.random.default_rng(0).integers(0, 255, (3, 60, 80), np.uint8)
+    with rasterio.open(
+        tmp_path / "a.tif", "w", driver="GTiff", width=80, height=60, count=3, dtype="uint8", crs="EPSG:32633",
+        transform=rasterio.Affine(1, 0, 500_000, 0, -1, 5_000_000),
+    ) as file:  # fmt: skip
+        file.write(pixels)
+    bands = "".join(
+        f'<VRTRasterBand dataType="Byte" band="{k}"><SimpleSource><SourceFilename relativeToVRT="1">a.tif'
+        f"</SourceFilename><SourceBand>{k}</SourceBand></SimpleSource></VRTRasterBand>"
+        for k in (1, 2, 3)
+    )
+    (tmp_path / "a.vrt").write_text(f'<VRTDataset rasterXSize="80" rasterYSize="60">{bands}</VRTDataset>')
+
+    def key():
+        with open_raster(tmp_path / "a.vrt") as source:
+            return tiles.key([source], {}, "")
+
+    first = key()
+    assert key() == first
+    os.utime(tmp_path / "a.tif", ns=(1, 1))
+    assert key() != first
 
 
 def test_the_key_of_pixels_is_that_of_their_content():

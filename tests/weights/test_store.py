@@ -4,6 +4,8 @@ import hashlib
 import json
 import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -188,3 +190,16 @@ def test_xfeat_for_real():
     assert path.stat().st_size == weights.entry("xfeat").size
     assert weights.verify("xfeat") == path
     assert weights.load_state_dict("xfeat")["skip1.1.weight"].shape == (24, 1, 1, 1)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes")
+def test_what_a_killed_download_left_goes_with_the_next_one(hub: Server, manifest: Entry):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, at_work = (cache_dir() / f".{number}-abcdefgh.part" for number in (gone.pid, os.getppid()))
+    for folder in (left, at_work):
+        folder.mkdir(parents=True)
+        (folder / "tiny.pt").write_bytes(CONTENT[:2])
+    weights.get("tiny")
+    assert (left.exists(), at_work.exists()) == (False, True)
+    assert not [p for p in cache_dir().iterdir() if p.suffix == ".part" and p != at_work]

@@ -18,6 +18,7 @@ from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
 from zpm2.io.files import atomic_write
+from zpm2.io.places import place
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
 from zpm2.view.palette import distinct_colors
@@ -233,4 +234,7 @@ class PolygonCloud:
 
     def save_json(self, folder: Path) -> Path:
         """Write cloud.json, whole or not at all."""
-        return atomic_write(folder / "cloud.json", json.dumps(self.to_dict(), allow_nan=False))
+        document = self.to_dict()
+        for view in document["views"]:
+            view |= place(view["path"], folder)
+        return atomic_write(folder / "cloud.json", json.dumps(document, allow_nan=False))

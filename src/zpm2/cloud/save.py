@@ -10,8 +10,12 @@ from zpm2.cloud.picture import three_views
 from zpm2.cloud.result import PolygonCloud
 from zpm2.cloud.scene import scene
 from zpm2.errors import Failed
-from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.files import atomic_write, claim
 
+NAMES = (
+    *("patches.ply", "cloud.glb", "boundaries.geojson", "boundaries.wkt", "points.ply", "points.las"),
+    *("cloud.png", "cloud.html", "cloud.json"),
+)
 POINTS = 200_000  # on all patches, about, where no spacing is given
 
 
@@ -19,11 +23,12 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     """Write cloud.json, patches.ply, cloud.glb, boundaries.geojson, boundaries.wkt, points.ply (and points.las),
     cloud.png and cloud.html, each whole or not at all, cloud.json last. Returns what could not be made, and why.
 
-    A cloud without polygons is a cloud.json alone. spacing: of the points, units of the mesh; None for 200,000 in all.
+    Files of an earlier cloud are replaced; `OutputError` where others have these names. A cloud without polygons is a
+    cloud.json alone. spacing: of the points, units of the mesh; None for 200,000 in all.
     """
     if las:
         export.require_laspy()
-    out = output_folder(folder)
+    out = claim(folder, NAMES, [view.path for view in cloud.views])
     if not cloud.patches:
         cloud.save_json(out)
         return ["nothing but cloud.json was written: there is no polygon"]

@@ -4,8 +4,6 @@ OpenVINO's graphs are converted once from the torch networks and kept beside the
 everything that they depend on: the weights' hash, this file's `VERSION`, and the versions of openvino and torch.
 """
 
-import shutil
-import tempfile
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.errors import ConfigError, MissingDependency
+from zpm2.io.record import scratch, sweep
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -187,14 +186,12 @@ def _converted(model: str, openvino_version: str, say: Say) -> Path:
     if (folder / "embedding.npz").exists():
         return folder
     say(f"converting {name} to OpenVINO, once")
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
-        _convert(model, fresh)
+    sweep(folder.parent)
+    with scratch(folder.parent) as part:
+        _convert(model, part)
         with suppress(OSError):  # not empty: another process was faster, and its networks are as good
             folder.rmdir()
-            fresh.rename(folder)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+            part.rename(folder)
     return folder
 
 

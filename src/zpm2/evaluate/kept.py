@@ -27,10 +27,12 @@ class KeptRegions:
         self.sides = KeptSide(self, "left"), KeptSide(self, "right")
 
     def turn_to(self, pair: EvalPair) -> None:
-        """`InputError` where the pair has no prediction there."""
+        """`InputError` where the pair has no prediction there, or one of other photographs."""
         result = predictions.load(pair, self.out)
         if not isinstance(result, MatchResult):
             raise InputError(f"no regions of {pair.name} in {self.out}" + (f": {result}" if result else ""))
+        if not predictions.is_of(pair, self.out):
+            raise InputError(f"the regions of {pair.name} in {self.out} are of other photographs: evaluate it anew")
         self.result = result
 
 

@@ -4,18 +4,23 @@ models."""
 import json
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from zpm2._version import __version__
 from zpm2.errors import InputError, Zpm2Error
-from zpm2.evaluate.pairs import EvalPair
-from zpm2.io.files import atomic_write, output_folder
+from zpm2.evaluate.pairs import EvalPair, PoseTruth
+from zpm2.io.files import atomic_write, claim, output_folder
+from zpm2.io.keys import code, key
+from zpm2.io.places import is_content
+from zpm2.io.record import discard, keep, kept, made_folder
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
 
+RUN, PREDICTIONS = "run.json", "predictions"
 Matcher = Callable[[EvalPair], MatchResult]
+RESULTS = ("matches.json", "pose.json", "memory.json")
 Posed = Callable[[EvalPair, MatchResult], PoseResult | None]
 
 
@@ -29,10 +34,11 @@ class Run:
     config: dict[str, Any]
     regions: str | None = None  # the folder of the evaluation whose polygons it took
     version: str = __version__
+    code: str = field(default_factory=code)  # a hash of the package's source
 
     def claim(self, out: Path) -> None:
         """Make `out` the folder of this run, or go on in it; `InputError` if it holds another run's predictions."""
-        file = output_folder(out) / "run.json"
+        file = claim(out, [RUN]) / RUN
         mine = {**vars(self), "config": json.loads(json.dumps(self.config))}
         if not file.exists():
             atomic_write(file, json.dumps(mine, indent=1))
@@ -45,7 +51,7 @@ class Run:
 
 def folder_of(pair: EvalPair, out: Path) -> Path:
     """Where the prediction of a pair is kept."""
-    return out / "predictions" / pair.name
+    return out / PREDICTIONS / pair.name
 
 
 def predict(
@@ -54,17 +60,20 @@ def predict(
     out: Path,
     tell: Callable[[str], None],
     posed: Posed = lambda pair, result: None,
+    regions: Path | None = None,
 ) -> None:
-    """Match every pair that has no prediction in `out` yet. `matcher` is called once, if there is anything to do, and
-    `posed` for each result; a pose that it gives is kept too.
+    """Match every pair that has no prediction in `out` yet, or one of other photographs. `matcher` is called once, if
+    there is anything to do, and `posed` for each result; a pose that it gives is kept too. `regions` is the folder of
+    the evaluation whose polygons are taken.
 
     A pair whose photographs cannot be read is remembered as failed, with the reason, and tried again by the next run.
     `matches.json` is written last, so an interruption loses the pair in work and nothing else.
     """
     match: Matcher | None = None
+    made_folder(claim(out, [PREDICTIONS]) / PREDICTIONS)
     for pair in pairs:
-        folder = folder_of(pair, out)
-        if (folder / "matches.json").exists():
+        folder, made_from = folder_of(pair, out), _made_from(pair, regions)
+        if (folder / "matches.json").exists() and kept(folder) == made_from:
             continue
         match = match or matcher()
         try:
@@ -74,12 +83,22 @@ def predict(
                 pose.save(folder)
             result.save(folder)
         except InputError as error:
+            for name in RESULTS:  # of other photographs
+                discard(folder / name)
             atomic_write(output_folder(folder) / "failed.json", json.dumps({"reason": str(error)}))
             tell(f"{pair.name}: {error}")
             continue
-        (folder / "failed.json").unlink(missing_ok=True)
+        discard(folder / "failed.json")
         atomic_write(folder / "memory.json", json.dumps({"peak_mb": peak_mb()}))
+        keep(folder, made_from)
         tell(pair.name)
+
+
+def _made_from(pair: EvalPair, regions: Path | None) -> str:
+    """The key of what a prediction depends on, beside what `Run` holds."""
+    cameras = [m.tolist() for m in pair.truth.intrinsics] if isinstance(pair.truth, PoseTruth) else None
+    files = [pair.left, pair.right, *([] if regions is None else [folder_of(pair, regions) / "matches.json"])]
+    return key(files, cameras)
 
 
 def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
@@ -93,6 +112,13 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
     if (folder / "failed.json").exists():
         return str(_read_json(folder / "failed.json")["reason"])
     return None
+
+
+def is_of(pair: EvalPair, out: Path) -> bool:
+    """Whether the prediction of a pair is of the photographs that it has now."""
+    document = _read_json(folder_of(pair, out) / "matches.json")
+    sides = (document["left"], pair.left), (document["right"], pair.right)
+    return all(is_content(side, file) for side, file in sides)
 
 
 def load_pose(pair: EvalPair, out: Path) -> dict[str, Any] | None:

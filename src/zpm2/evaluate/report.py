@@ -17,7 +17,7 @@ from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
-from zpm2.io.files import atomic_write
+from zpm2.io.files import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
 from zpm2.result import MatchResult
@@ -166,8 +166,14 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(_cell(value) for value in values) + " |" for values in rows)])
 
 
+def names(parquet: bool) -> list[str]:
+    """The files that `write` writes."""
+    return ["rows.csv", "summary.json", "summary.md", *(["rows.parquet"] if parquet else [])]
+
+
 def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: bool = False, beside: str = "") -> None:
     """rows.csv (and rows.parquet), summary.json and summary.md, each whole or not at all."""
+    claim(out, names(parquet))
     columns = list(dict.fromkeys(name for r in rows for name in r))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns)

@@ -4,31 +4,29 @@ import contextlib
 import errno
 import os
 import tempfile
-import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from zpm2.errors import OutputError
+from zpm2.io import record
 
 
 def atomic_write(path: str | Path, content: bytes | str) -> Path:
     """Writes `content` (text as UTF-8) so that `path` holds all of it, or what it held before.
 
-    The bytes go to a temporary file in the same folder, which then takes the name. Returns the path. `OutputError`
-    when the folder does not exist or is not writable, `path` is a folder, or the disk is full; no temporary file stays.
+    The bytes go to a temporary file, which then takes the name. Returns the path. `OutputError` when the folder does
+    not exist or is not writable, `path` is a folder, the disk is full, or, in a claimed folder (`claim`), `path` is a
+    file that zpm2 did not write; no temporary file stays.
     """
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
-    temporary = path.with_name(f".{uuid.uuid4().hex}.part")
     try:
-        with open(temporary, "xb") as file:
-            file.write(data)
-        os.replace(temporary, path)
+        with record.scratch(path.parent) as folder:
+            part = folder / "part"
+            part.write_bytes(data)
+            record.put(part, path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {why(error, path)}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()  # gone already, unless something went wrong
     return path
 
 
@@ -50,6 +48,48 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
     return path
+
+
+def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] = ()) -> Path:
+    """The output folder (`output_folder`) of a caller who will write the files and folders `names` there.
+
+    From now on only what a run of zpm2 made is replaced in it (`record`). `OutputError` where one of the names is taken
+    by something else, by something that was changed since, or by one of `inputs`.
+    """
+    sources = [Path(source) for source in inputs]
+    folder = output_folder(path, sources)
+    try:
+        record.mark(folder)
+        for target in (folder / name for name in names):
+            record.refuse_foreign(target)
+            if any(_holds(target, source) for source in sources):
+                raise OutputError(f"{target} is an input and would be written over: give another output folder")
+    except OSError as error:
+        record.unmark(folder)
+        raise OutputError(f"cannot write into output folder {folder}: {why(error, folder)}") from error
+    except OutputError:
+        record.unmark(folder)
+        raise
+    return folder
+
+
+@contextlib.contextmanager
+def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """A claimed folder for a run. Where the run ends early and left nothing in it, what was made of it goes again."""
+    fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
+    try:
+        yield claim(path, names, inputs)
+    except BaseException:
+        record.unmark(path)
+        for folder in fresh:
+            with contextlib.suppress(OSError):  # not empty
+                folder.rmdir()
+        raise
+
+
+def _holds(target: Path, source: Path) -> bool:
+    """Whether what is written to `target` would take the place of an input."""
+    return _same(target, source) or (target.is_dir() and target.resolve() in source.resolve().parents)
 
 
 def _same(a: Path, b: Path) -> bool:

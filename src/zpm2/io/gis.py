@@ -5,7 +5,6 @@ import errno
 import json
 import os
 import shutil
-import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.io.described import PREFIX
 from zpm2.io.files import why
 from zpm2.io.layer import Layer, feature_collection, square_meters, world_shapes
+from zpm2.io.record import discard, put, scratch
 from zpm2.messages import Note
 from zpm2.model import PolygonArrays, PolygonMatch
 
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
 RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
+LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
 
 
@@ -89,9 +90,9 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
             srs = {"SRID": "-1"} if layer.crs is None else {}
             _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.crs, srs)
         _write(temporary, "GPKG", "matches", _match_table(matches))
-        os.replace(temporary, path)
-        for suffix in ("-wal", "-shm", "-journal"):  # a GIS's, of the file that was there: SQLite would apply them
-            path.with_name(path.name + suffix).unlink(missing_ok=True)
+        for suffix in LOG_FILES:  # of the file that was there: SQLite would apply them to the new one
+            discard(path.with_name(path.name + suffix))
+        put(temporary, path)
     return path
 
 
@@ -108,9 +109,9 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
-                os.replace(part, target.with_suffix(suffix))
+                put(part, target.with_suffix(suffix))
             else:
-                target.with_suffix(suffix).unlink(missing_ok=True)
+                discard(target.with_suffix(suffix))
     return target
 
 
@@ -264,8 +265,8 @@ def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
     try:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        with tempfile.TemporaryDirectory(prefix=".", suffix=".part", dir=parent, ignore_cleanup_errors=True) as folder:
-            yield Path(folder)
+        with scratch(parent) as folder:
+            yield folder
     except OSError as error:
         raise OutputError(f"cannot write {target}: {why(error, target)}") from error
     except RuntimeError as error:  # all of pyogrio's

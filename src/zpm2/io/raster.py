@@ -106,6 +106,11 @@ class Raster:
         """Whether pixels have a longitude and latitude."""
         return self._place is not None
 
+    @property
+    def files(self) -> list[str]:
+        """The file with all that GDAL reads for it: side files, parts of a mosaic."""
+        return list(self._source.files)
+
     def close(self) -> None:
         self._source.close()
 

@@ -29,6 +29,11 @@ class Source(Protocol):
     def path(self) -> str | None: ...
 
     @property
+    def files(self) -> Sequence[str]:
+        """What is read while a run lasts: the file, and those that go with it; none where it is in memory."""
+        ...
+
+    @property
     def width(self) -> int:
         """px"""
         ...
@@ -68,6 +73,7 @@ class Held:
     """A photograph that is in memory."""
 
     placed = False
+    files = ()
 
     def __init__(self, image: Image, notes: Sequence[str] = (), gsd: float | None = None) -> None:
         self.image, self.path = image, image.path

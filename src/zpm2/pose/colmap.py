@@ -6,9 +6,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zpm2.errors import Failed, InputError
+from zpm2.errors import Failed, InputError, OutputError
 from zpm2.io.colmap import require_pycolmap, to_pycolmap
-from zpm2.io.files import output_folder
+from zpm2.io.files import claim, why
+from zpm2.io.record import made_folder, put, scratch
 from zpm2.pose.result import PoseResult
 
 
@@ -17,26 +18,35 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
 
     names: those of the image files. The left camera is the origin; the length of the baseline is that of the result,
     or 1. Every point of the result is a keypoint, inliers are two-view matches, and points of the model where the two
-    rays meet before both cameras. What was there of an earlier run is replaced.
+    rays meet before both cameras. What was there of an earlier run is replaced;
+    `OutputError` where something else has one of the names.
     """
     pycolmap = require_pycolmap()
     if isinstance(result.pose, Failed) or isinstance(result.cameras, Failed) or result.translation is None:
         raise InputError("without a pose with a translation there is no model for COLMAP")
     if names[0] == names[1]:
         raise InputError(f"both images are called {names[0]}: COLMAP needs names that differ")
-    folder = output_folder(directory)
+    folder = claim(directory, ["database.db", "sparse"])
     cameras = [to_pycolmap(camera, k + 1) for k, camera in enumerate(result.cameras)]
     motion = np.c_[result.pose.rotation, result.translation]
-    _write_database(pycolmap, result, names, cameras, motion, folder / "database.db")
     model = _model(pycolmap, result, names, cameras, motion)
-    model.write_binary(str(output_folder(folder / "sparse" / "0")))
+    try:
+        with scratch(folder) as part:
+            _write_database(pycolmap, result, names, cameras, motion, part / "database.db")
+            (part / "model").mkdir()
+            model.write_binary(str(part / "model"))
+            put(part / "database.db", folder / "database.db")
+            target = made_folder(made_folder(folder / "sparse") / "0")
+            for file in sorted((part / "model").iterdir()):
+                put(file, target / file.name)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {why(error, folder)}") from error
     return folder
 
 
 def _write_database(
     pycolmap: Any, result: PoseResult, names: tuple[str, str], cameras: list[Any], motion: Any, path: Path
 ) -> None:
-    path.unlink(missing_ok=True)
     database = pycolmap.Database.open(str(path))
     try:
         sides = result.points.points.left, result.points.points.right

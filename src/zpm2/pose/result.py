@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
-from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.files import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
@@ -23,6 +23,7 @@ from zpm2.pose.refine import Refined
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-pose/1"
+NAME = "pose.json"
 
 MEANING = {
     "pure_rotation": "the camera only turned: there is no direction of translation",
@@ -199,7 +200,7 @@ class PoseResult:
 
     def save(self, directory: str | Path) -> Path:
         """Write pose.json into a folder, whole or not at all; returns its path."""
-        return atomic_write(output_folder(directory) / "pose.json", json.dumps(self.to_dict(), allow_nan=False))
+        return atomic_write(claim(directory, [NAME]) / NAME, json.dumps(self.to_dict(), allow_nan=False))
 
 
 def _matrix(matrix: Array | Failed) -> list[list[float]] | None:

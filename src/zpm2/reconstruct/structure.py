@@ -1,6 +1,5 @@
 """Cameras and sparse points by COLMAP (Schoenberger and Frahm, CVPR 2016), through pycolmap."""
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 
 from zpm2.errors import InputError
 from zpm2.io.colmap import require_pycolmap, to_pycolmap
+from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 
 ALL_PAIRS = 80  # images up to which each is matched with each
@@ -26,10 +26,27 @@ def find_structure(
     if (model / "cameras.bin").is_file():
         return model
     pycolmap = require_pycolmap()
-    database, part = workspace / "database.db", workspace / "sparse.part"
-    shutil.rmtree(part, ignore_errors=True)
-    database.unlink(missing_ok=True)
-    part.mkdir(parents=True)
+    with scratch(workspace) as part:
+        found = _reconstruct(pycolmap, images, names, part, known, ordered)
+        if found.num_points3D() < 10:
+            raise InputError(f"the photographs in {images} have {found.num_points3D()} points in common: too few")
+        (part / "0").mkdir()
+        found.write(str(part / "0"))
+        made_folder(model.parent)
+        return put(part / "0", model)
+
+
+def _reconstruct(
+    pycolmap: Any,
+    images: Path,
+    names: Sequence[str],
+    part: Path,
+    known: Mapping[str, PosedCamera] | None,
+    ordered: bool,
+) -> Any:
+    """The model of most photographs; what COLMAP writes on the way goes to `part`."""
+    database, models = part / "database.db", part / "models"
+    models.mkdir()
     mode = pycolmap.CameraMode.AUTO if known is None else pycolmap.CameraMode.PER_IMAGE
     pycolmap.extract_features(database, images, names, camera_mode=mode, device=pycolmap.Device.auto)
     if known is not None:
@@ -38,21 +55,12 @@ def find_structure(
         pycolmap.match_sequential(database)
     else:
         pycolmap.match_exhaustive(database)
-    if known is None:
-        found = pycolmap.incremental_mapping(database, images, part)
-        if not found:
-            raise InputError(f"the photographs in {images} do not hang together: take them with more overlap")
-        best = max(found.values(), key=lambda r: r.num_reg_images())
-        shutil.rmtree(part)
-        part.mkdir()
-    else:
-        best = pycolmap.triangulate_points(_posed(pycolmap, database, known), database, images, part)
-    if best.num_points3D() < 10:
-        raise InputError(f"the photographs in {images} have {best.num_points3D()} points in common: too few")
-    best.write(str(part))
-    model.parent.mkdir(exist_ok=True)
-    part.rename(model)
-    return model
+    if known is not None:
+        return pycolmap.triangulate_points(_posed(pycolmap, database, known), database, images, models)
+    found = pycolmap.incremental_mapping(database, images, models)
+    if not found:
+        raise InputError(f"the photographs in {images} do not hang together: take them with more overlap")
+    return max(found.values(), key=lambda r: r.num_reg_images())
 
 
 def _give_cameras(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> None:

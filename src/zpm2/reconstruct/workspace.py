@@ -10,10 +10,15 @@ from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.io.colmap import require_pycolmap
-from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.files import atomic_write, claim
+from zpm2.io.keys import code, stamp
+from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.structure import find_structure
+
+IMAGES, CLAIM = "images", "reconstruct.json"
+NAMES = (CLAIM, "sparse", "dense", "fused.ply", "mesh.ply")  # beside the photographs
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,8 @@ def reconstruct(
     known: cameras by file name, if they are known. Structure from motion, undistortion, fusion and Poisson meshing are
     COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there, else
     semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the photographs
-    do not hang together, or the workspace is another reconstruction's.
+    do not hang together, or the workspace is another reconstruction's; `OutputError` where something in it that is no
+    reconstruction's has one of its names. Photographs that lie in the workspace's own images/ are used where they are.
     """
     pycolmap = require_pycolmap()
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR
@@ -58,19 +64,20 @@ def reconstruct(
         raise InputError(
             f"there are {len(names)} photographs with {len(set(names))} names: give at least two, all named differently"
         )
-    _claim(workspace, photographs, options, known is not None)
-    _link(photographs, workspace / "images")
+    _claim(workspace, photographs, options, known)
+    images = workspace / IMAGES
+    if not _in_place(photographs, images):
+        _link(photographs, made_folder(images))
     tell("structure", 0.0)
-    model = find_structure(workspace / "images", names, workspace, known, options.ordered)
+    model = find_structure(images, names, workspace, known, options.ordered)
     tell("structure", 1.0)
     dense = workspace / "dense"
     if not (dense / "sparse" / "cameras.bin").is_file():
-        part = workspace / "dense.part"
-        shutil.rmtree(part, ignore_errors=True)
         undistort = pycolmap.UndistortCameraOptions()
         undistort.max_image_size = options.max_size
-        pycolmap.undistort_images(part, model, workspace / "images", undistort_options=undistort)
-        part.rename(dense)
+        with scratch(workspace) as part:
+            pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
+            put(part / "dense", dense)
     notes = _depth(pycolmap, dense, options, tell)
     fused = workspace / "fused.ply"
     if not fused.is_file():
@@ -83,13 +90,13 @@ def reconstruct(
     mesh = workspace / "mesh.ply"
     if not mesh.is_file():
         tell("mesh", 0.0)
-        part = workspace / "mesh.part.ply"
         meshing = pycolmap.PoissonMeshingOptions()
         meshing.depth, meshing.trim = options.poisson_depth, options.trim
-        pycolmap.poisson_meshing(fused, part, meshing)
-        if not part.is_file():
-            raise InputError(f"Poisson meshing of {fused} gave no surface")
-        part.rename(mesh)
+        with scratch(workspace) as part:
+            pycolmap.poisson_meshing(fused, part / "mesh.ply", meshing)
+            if not (part / "mesh.ply").is_file():
+                raise InputError(f"Poisson meshing of {fused} gave no surface")
+            put(part / "mesh.ply", mesh)
         tell("mesh", 1.0)
     registered = pycolmap.Reconstruction(str(model)).num_reg_images()
     if registered < len(names):
@@ -97,28 +104,49 @@ def reconstruct(
     return Reconstructed(registered, len(names), points, tuple(notes))
 
 
-def _claim(workspace: Path, photographs: Sequence[Path], options: Options, known: bool) -> None:
+def claimed_names(workspace: Path, photographs: Sequence[Path]) -> list[str]:
+    """The files and folders that a reconstruction of these photographs makes in its workspace."""
+    return [*NAMES, *([] if _in_place(photographs, workspace / IMAGES) else [IMAGES])]
+
+
+def _claim(
+    workspace: Path, photographs: Sequence[Path], options: Options, known: Mapping[str, PosedCamera] | None
+) -> None:
     """Makes a folder the workspace of these photographs, or goes on in it."""
-    file = output_folder(workspace) / "reconstruct.json"
-    mine = {"photographs": [str(p.resolve()) for p in photographs], "options": asdict(options), "cameras_known": known}
+    file = claim(workspace, claimed_names(workspace, photographs)) / CLAIM
+    mine = {
+        "photographs": {path.name: stamp(path) for path in photographs},
+        "options": asdict(options),
+        "cameras": None if known is None else {name: _values(camera) for name, camera in known.items()},
+        "code": code(),
+    }
     if not file.is_file():
         atomic_write(file, json.dumps(mine, indent=1))
         return
     theirs = json.loads(file.read_text(encoding="utf-8"))
-    differ = [name for name in mine if theirs.get(name) != mine[name]]
+    differ = [name for name, value in json.loads(json.dumps(mine)).items() if theirs.get(name) != value]
     if differ:
         raise InputError(f"{workspace} is a reconstruction with other {' and '.join(differ)}: give another folder")
 
 
+def _values(posed: PosedCamera) -> list[Any]:
+    return [posed.camera.to_dict(), posed.rotation.tolist(), posed.translation.tolist()]
+
+
+def _in_place(photographs: Sequence[Path], images: Path) -> bool:
+    return all(path.resolve().parent == images.resolve() for path in photographs)
+
+
 def _link(photographs: Sequence[Path], folder: Path) -> None:
     """The photographs in the workspace: hard links, copies where the file system has none."""
-    folder.mkdir(exist_ok=True)
     for path in photographs:
         if not (folder / path.name).exists():
             try:
                 os.link(path.resolve(), folder / path.name)
             except OSError:
-                shutil.copyfile(path, folder / path.name)
+                with scratch(folder) as part:
+                    shutil.copyfile(path, part / path.name)
+                    put(part / path.name, folder / path.name)
 
 
 def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, float], None]) -> list[str]:
@@ -136,10 +164,9 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
     options.min_num_pixels = min(3, views)
     if not pycolmap.has_cuda:
         options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
-    part = fused.with_suffix(".part.ply")
-    pycolmap.stereo_fusion(part, dense, options=options, output_type="PLY")
-    part.with_name(f"{part.name}.vis").unlink(missing_ok=True)
-    part.rename(fused)
+    with scratch(fused.parent) as part:
+        pycolmap.stereo_fusion(part / "fused.ply", dense, options=options, output_type="PLY")
+        put(part / "fused.ply", fused)
 
 
 def _vertices(ply: Path) -> int:

@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zpm2.config import Config
+from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.protocol import PolygonSource
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.initial import AGREEING
+from zpm2.io.places import absolute
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
 from zpm2.messages import Note, about, split
@@ -83,9 +85,10 @@ class Run:
         once = replace(tile_config, points=replace(tile_config.points, look_again=False))
         self.tile = PolygonMatcher(once, segmenter=asked, points=points, progress=quiet)
         stages = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
-        name = "/".join(str(getattr(segmenter, "path", segmenter.name)) for segmenter in segmenters)
+        name = "/".join([*(segmenter.name for segmenter in segmenters), *([] if points is None else [points.name])])
+        regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = {stage: self.config.to_dict()[stage] for stage in stages}
-        self.kept = Kept(kept, tiles.key(sources, values, name) if kept is not None else "")
+        self.kept = Kept(kept, tiles.key(sources, values, name, regions) if kept is not None else "")
 
     def result(self) -> MatchResult:
         config = self.config
@@ -114,7 +117,7 @@ class Run:
         with self.clock("explain"):
             overviews = [reduced(source, OVERVIEW) for source in self.sources]
             sides = [
-                Side(source.width, source.height, arrays.polygons, source.path, image, source.geo)
+                Side(source.width, source.height, arrays.polygons, absolute(source.path), image, source.geo)
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2._version import __version__
 from zpm2.errors import InputError, OutputError
 from zpm2.io.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.keys import key as key_of
+from zpm2.io.keys import stamp
 from zpm2.io.raster import Window
-from zpm2.io.source import Held, Source
+from zpm2.io.source import Source
 from zpm2.model import PointMatches, Polygon, Side
 from zpm2.result import MatchResult
 from zpm2.tiled.view import View
@@ -58,11 +59,11 @@ def apart(level: int, windows: Windows, found: Sequence[tuple[View, Sequence[Pol
     return Tile(level, windows, (left, right), np.zeros((0, 2), np.int64), PointMatches.empty(), {"detect": seconds})
 
 
-def key(sources: Sequence[Source], config: Mapping[str, Any], segmenters: str) -> str:
-    """A name for tiles that the same photographs, configuration and version would give again."""
-    what = [_identity(source) for source in sources]
-    text = json.dumps([__version__, what, config, segmenters], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def key(
+    sources: Sequence[Source], config: Mapping[str, Any], segmenters: str, regions: Sequence[str | Path] = ()
+) -> str:
+    """A name for tiles that the same photographs, files of given regions, configuration and code would give again."""
+    return key_of(regions, [_content(source) for source in sources], config, segmenters)
 
 
 class Kept:
@@ -102,16 +103,12 @@ class Kept:
             raise OutputError(f"{error}; finished tiles are kept, run the same command again to go on") from error
 
 
-def _identity(source: Source) -> Any:
-    """Of what is in memory its content, as pixels may be given with a path and not be the file's; of a file that is
-    read by windows its place, size and time."""
-    if source.path is not None and not isinstance(source, Held):
-        path = Path(source.path)
-        try:
-            stat = path.stat()
-            return [str(path.resolve()), stat.st_size, stat.st_mtime_ns]
-        except OSError:
-            pass
+def _content(source: Source) -> Any:
+    """Of what is in memory its content, as pixels may be given with a path and not be the file's; of a photograph that
+    is read by windows that of its files, unless they lie where only GDAL finds them."""
+    stamps = [stamp(file) for file in source.files]
+    if stamps and None not in stamps:
+        return stamps
     image = source.read()
     found = hashlib.sha256(repr(image.rgb.shape).encode())
     for values in (image.rgb, image.valid):

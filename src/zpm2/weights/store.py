@@ -10,13 +10,12 @@ import hashlib
 import json
 import logging
 import os
-import uuid
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from zpm2.errors import WeightsError
+from zpm2.errors import OutputError, WeightsError
 from zpm2.weights.manifest import MANIFEST, Entry, entry
 
 Progress = Callable[[int, int], None]  # (bytes done, bytes in all)
@@ -109,12 +108,15 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
     `chunks` says its own failures as `SourceError`, which passes through; an `OSError` here is the cache's and becomes
     `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
     """
+    from zpm2.io.record import scratch, sweep  # here, as zpm2.io loads OpenCV
+
     target = cache_dir() / item.file
-    part = target.with_name(f".{item.file}.{uuid.uuid4().hex}.part")
     digest, done = hashlib.sha256(), 0
-    try:
-        with writing(item):
-            target.parent.mkdir(parents=True, exist_ok=True)
+    with writing(item):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        sweep(target.parent)
+        with scratch(target.parent) as folder:
+            part = folder / item.file
             with part.open("xb") as file:
                 for chunk in chunks:
                     done += len(chunk)
@@ -126,9 +128,6 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
                         progress(done, item.size)
             _compare(item, done, digest.hexdigest())
             os.replace(part, target)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
     _mark(item, target)
     return target
 
@@ -190,13 +189,11 @@ def _marker(item: Entry) -> object:
 
 def _mark(item: Entry, path: Path) -> None:
     """Remember that this copy was verified. Where the cache cannot be written it is hashed at each start instead."""
+    from zpm2.io.files import atomic_write
+
     marker = _marker_path(item)
-    part = marker.with_name(f".{marker.name}.{uuid.uuid4().hex}.part")
     try:
         marker.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(json.dumps(_fingerprint(item, path)), encoding="utf-8")
-        os.replace(part, marker)
-    except OSError as error:
-        _log.info("cannot write %s (%s): %s is hashed at each start", marker, error.strerror, path)
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+        atomic_write(marker, json.dumps(_fingerprint(item, path)))
+    except (OSError, OutputError) as error:
+        _log.info("%s: %s is hashed at each start", error, path)
