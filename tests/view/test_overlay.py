@@ -4,7 +4,7 @@ import importlib
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from zpm2.errors import InputError
@@ -286,6 +286,7 @@ def test_dashes_lie_on_the_line_and_are_their_share_of_it(points, drawn, left_ou
     ring = np.array(points)
     pieces = dashes(ring, (drawn, left_out))
     closed = shapely.LinearRing(ring)
+    assume(closed.length > 1)
     total = np.linalg.norm(np.diff(pieces, axis=1), axis=2).sum()
     assert total == pytest.approx(closed.length * drawn / (drawn + left_out), rel=1e-6, abs=1e-6)
     if len(pieces):

@@ -226,8 +226,8 @@ def _headed(canvas: Pixels, title: str, remark: str, subject: str, keys: Sequenc
     """The title with a remark beside it where that fits, and a line of keys in the largest type that fits."""
     width = canvas.shape[1]
     ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
-    size = next((s for s in (20, 16, 13) if ruler.textlength(title, font(s)) + 24 < width), 11)
-    small = next((s for s in (15, 13) if sum(_widths(subject, keys, s)) + 24 < width), 11)
+    size = next((s for s in (24, 20, 16, 13) if ruler.textlength(title, font(s)) + 24 < width), 11)
+    small = next((s for s in (18, 15, 13) if sum(_widths(subject, keys, s)) + 24 < width), 11)
     middle, along, texts = 50, 12.0, []
     for key, room in zip([None, *keys], _widths(subject, keys, small), strict=True):
         texts.append((along + (KEY + 6 if key else 0), key.text if key else f"{subject}:"))
@@ -241,8 +241,8 @@ def _headed(canvas: Pixels, title: str, remark: str, subject: str, keys: Sequenc
     picture = PIL.Image.fromarray(canvas)
     draw = PIL.ImageDraw.Draw(picture)
     draw.text((12, 24), title, WHITE, font(size), "lm")
-    if draw.textlength(title, font(size)) + draw.textlength(remark, font(15)) + 60 < width:
-        draw.text((width - 12, 24), remark, PALE, font(15), "rm")
+    if draw.textlength(title, font(size)) + draw.textlength(remark, font(small)) + 60 < width:
+        draw.text((width - 12, 24), remark, PALE, font(small), "rm")
     for at, text in texts if keys else []:  # no keys: nothing to explain
         draw.text((at, middle), text, PALE, font(small), "lm")
     return np.asarray(picture)

@@ -1,0 +1,71 @@
+"""What the commands share: interrupts, lines without a terminal."""
+
+import io
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from zpm2.console import Interrupted, fresh_folder, goes_on, lines, one_of
+
+
+def stopped(*places: object) -> str:
+    """What is said of an interrupt inside these context managers, the outermost first."""
+    with pytest.raises(KeyboardInterrupt) as stop:
+        enter(list(places))
+    return str(Interrupted(stop.value))
+
+
+def enter(places: list) -> None:
+    if not places:
+        raise KeyboardInterrupt
+    with places[0]:
+        enter(places[1:])
+
+
+def test_an_interrupt_says_what_stays_and_what_goes_on(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert stopped(fresh_folder(out)) == "interrupted; nothing was written"
+    assert not out.exists()
+    out.mkdir()
+    assert stopped(fresh_folder(out)) == "interrupted; nothing was written"
+    (out / "pairs").mkdir()
+    assert stopped(fresh_folder(out), goes_on("matched pairs stay")) == (
+        f"interrupted; matched pairs stay, and the same command goes on from there; what was finished stays in {out}"
+    )
+
+
+def test_other_ends_leave_no_empty_folder(tmp_path: Path) -> None:
+    for error in (MemoryError, RuntimeError):
+        with pytest.raises(error), fresh_folder(tmp_path / "out"):
+            raise error
+        assert not (tmp_path / "out").exists()
+
+
+def test_lines_come_now_and_then_and_stop_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", heard)
+    monkeypatch.setattr("zpm2.console.EVERY", 0.05)
+    with lines() as progress:
+        for k in range(200):  # as often as it likes
+            progress("tiles", k / 200)
+            time.sleep(0.001)
+    said = heard.getvalue().splitlines()
+    assert 1 <= len(said) <= 20
+    assert all(line.startswith("tiles: ") for line in said)
+    time.sleep(0.12)
+    assert heard.getvalue().splitlines() == said
+
+
+def test_a_short_run_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with lines() as progress:
+        progress("points", 0.5)
+    assert capsys.readouterr().err == ""
+
+
+def test_the_last_of_a_list_is_completed() -> None:
+    complete = one_of(lambda: ("sift", "xfeat"))
+    assert complete("") == ["sift", "xfeat"]
+    assert complete("x") == ["xfeat"]
+    assert complete("sift,") == ["sift,sift", "sift,xfeat"]
