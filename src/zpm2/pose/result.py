@@ -15,6 +15,7 @@ from zpm2 import geometry
 from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.fit import doubts
 from zpm2.model import Camera
 from zpm2.pose.degeneracy import Degeneracy
 from zpm2.pose.points import Correspondences
@@ -123,6 +124,9 @@ class PoseResult:
     def all_warnings(self) -> list[str]:
         """Everything that a reader of the pose should know, in sentences."""
         said = list(self.warnings)
+        if not isinstance(self.cameras, Failed):
+            for side, camera in zip(("left", "right"), self.cameras, strict=True):
+                said += doubts(camera, f"the {side} camera")
         if isinstance(self.pose, Failed):
             return [*said, f"no pose: {self.pose}"]
         said += [f"{name}: {MEANING[name]}" for name in self.pose.flags]

@@ -11,6 +11,7 @@ from typing import Any
 from zpm2.errors import InputError
 from zpm2.io.colmap import require_pycolmap
 from zpm2.io.files import atomic_write, output_folder
+from zpm2.io.inputs import distinct_names
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.structure import find_structure
@@ -46,20 +47,22 @@ def reconstruct(
 ) -> Reconstructed:
     """Reconstruct a workspace from photographs, or go on where an earlier run of the same was interrupted.
 
-    known: cameras by file name, if they are known. Structure from motion, undistortion, fusion and Poisson meshing are
-    COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there, else
-    semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the photographs
-    do not hang together, or the workspace is another reconstruction's.
+    Photographs of one name in two folders keep their sub-folders (`io.inputs.distinct_names`).
+
+    known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing
+    are COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there,
+    else semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the
+    photographs do not hang together, or the workspace is another reconstruction's.
     """
     pycolmap = require_pycolmap()
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR
-    names = [path.name for path in photographs]
+    names = distinct_names(photographs)
     if len(names) < 2 or len(set(names)) < len(names):
         raise InputError(
             f"there are {len(names)} photographs with {len(set(names))} names: give at least two, all named differently"
         )
     _claim(workspace, photographs, options, known is not None)
-    _link(photographs, workspace / "images")
+    _link(photographs, names, workspace / "images")
     tell("structure", 0.0)
     model = find_structure(workspace / "images", names, workspace, known, options.ordered)
     tell("structure", 1.0)
@@ -110,15 +113,16 @@ def _claim(workspace: Path, photographs: Sequence[Path], options: Options, known
         raise InputError(f"{workspace} is a reconstruction with other {' and '.join(differ)}: give another folder")
 
 
-def _link(photographs: Sequence[Path], folder: Path) -> None:
+def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> None:
     """The photographs in the workspace: hard links, copies where the file system has none."""
-    folder.mkdir(exist_ok=True)
-    for path in photographs:
-        if not (folder / path.name).exists():
+    for path, name in zip(photographs, names, strict=True):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if not target.exists():
             try:
-                os.link(path.resolve(), folder / path.name)
+                os.link(path.resolve(), target)
             except OSError:
-                shutil.copyfile(path, folder / path.name)
+                shutil.copyfile(path, target)
 
 
 def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, float], None]) -> list[str]:
