@@ -123,6 +123,8 @@ def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path) -> Non
         (["one", "--max-size", "5"], "at least 100 px"),
         (["one", "--neighbors", "0"], "at least 1"),
         (["one"], "1 photographs"),
+        (["."], "holds no photographs itself, one do"),
+        (["empty"], "holds no photographs ("),
         (["one", "--cameras", "none.npz"], "check the path"),
     ],
 )
@@ -131,6 +133,7 @@ def test_one_line_for_what_cannot_be_used(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     boards.write(tmp_path / "one", 1)
+    (tmp_path / "empty").mkdir()
     code, _, err = run("reconstruct", *words, "-o", "ws")
     assert code == 2
     assert why in err

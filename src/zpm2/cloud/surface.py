@@ -120,9 +120,11 @@ class Surface:
         except Exception as error:  # the readers raise whatever their parsers do
             raise InputError(f"mesh {path} cannot be read: {' '.join(str(error).split()) or repr(error)}") from error
         if len(faces) == 0:
+            count = len(vertices)
+            what = f"is a point cloud, {count} points without faces" if count else "has no faces"
             raise InputError(
-                f"mesh {path} is a point cloud, {len(vertices)} points without faces: a surface is needed; make one of "
-                "it (Poisson meshing, for example), or of the photographs with zpm2 reconstruct"
+                f"mesh {path} {what}: a surface is needed; make one of the points (Poisson meshing, for example), or "
+                "of the photographs with zpm2 reconstruct"
             )
         surface = Surface.of(vertices, faces, f"mesh {path}")
         return replace(surface, notes=(*notes, *surface.notes))

@@ -152,35 +152,49 @@ def _obj(content: bytes) -> tuple[Array, Polygons]:
     text = content.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     lines = [line for line in map(str.strip, text.split("\n")) if line[:2] in ("v ", "f ", "v\t", "f\t")]
     is_vertex = np.array([line[0] == "v" for line in lines], bool)
-    vertices = [line[2:].split()[:3] for line in lines if line[0] == "v"]
-    faces = [re.sub(r"/\S*", "", line[2:].partition("#")[0]).split() for line in lines if line[0] == "f"]
     before = np.cumsum(is_vertex)[~is_vertex]  # vertices, from which negative numbers count back
-    return np.array(vertices, np.float64).reshape(-1, 3), [
-        np.where(part < 0, part + before[rows, None], part - 1) for rows, part in _by_length(faces)
+    corners = re.sub(r"/\S*|#.*", "", "\n".join(line[2:] for line in lines if line[0] == "f"))
+    numbers, lengths = _numbers(corners.split("\n") if len(before) else [])
+    return _points(*_numbers([line[2:] for line in lines if line[0] == "v"])), [
+        np.where(part < 0, part + before[rows, None], part - 1)
+        for rows, part in _by_length(numbers, np.cumsum(lengths) - lengths, lengths)
     ]
 
 
 def _off(content: bytes) -> tuple[Array, Polygons]:
-    lines = [line.partition("#")[0].split() for line in content.decode("utf-8", "replace").split("\n")]
-    lines = [words for words in lines if words]
-    if not lines or not re.fullmatch(r"(ST|C|N)*OFF", lines[0][0]):
+    text = re.sub(r"#.*", "", content.decode("utf-8", "replace"))
+    lines = [line for line in map(str.strip, text.split("\n")) if line]
+    head = lines[0].split() if lines else []
+    if not head or not re.fullmatch(r"(ST|C|N)*OFF", head[0]):
         raise ValueError("it has no OFF header")
-    lines = ([lines[0][1:]] if lines[0][1:] else []) + lines[1:]
-    n, m = int(lines[0][0]), int(lines[0][1])
-    if len(lines) < 1 + n + m:
+    lines = ([" ".join(head[1:])] if head[1:] else []) + lines[1:]
+    n, m = (int(word) for word in lines[0].split()[:2])
+    vertices = _points(*_numbers(lines[1 : 1 + n]))
+    numbers, lengths = _numbers(lines[1 + n : 1 + n + m])
+    starts = np.cumsum(lengths) - lengths
+    corners = numbers[starts].astype(np.int64)  # colours may follow
+    if len(vertices) < n or len(lengths) < m or (corners >= lengths).any():
         raise ValueError(CUT)
-    faces = [words[1 : 1 + int(words[0])] for words in lines[1 + n : 1 + n + m]]
-    if any(len(face) != int(words[0]) for face, words in zip(faces, lines[1 + n :], strict=False)):
-        raise ValueError(CUT)
-    vertices = np.array([words[:3] for words in lines[1 : 1 + n]], np.float64).reshape(-1, 3)
-    return vertices, [part for _, part in _by_length(faces)]
+    return vertices, [part for _, part in _by_length(numbers, starts + 1, corners)]
 
 
-def _by_length(faces: Sequence[Sequence[str]]) -> list[tuple[Indices, Indices]]:
+def _numbers(lines: Sequence[str]) -> tuple[Array, Indices]:
+    """The numbers of some lines one after the other, and how many each line has."""
+    lengths = np.array([len(line.split()) for line in lines], np.int64)
+    return np.array([float(word) for word in " ".join(lines).split()]), lengths
+
+
+def _points(numbers: Array, lengths: Indices) -> Array:
+    """(n, 3) the first three numbers of each line."""
+    if (lengths < 3).any():
+        raise ValueError("it has a vertex of fewer than three numbers: export it again")
+    return numbers[(np.cumsum(lengths) - lengths)[:, None] + np.arange(3)]
+
+
+def _by_length(numbers: Array, starts: Indices, lengths: Indices) -> list[tuple[Indices, Indices]]:
     """The rows of the faces of each number of corners, and their corners (m, k)."""
-    lengths = np.array([len(face) for face in faces], np.int64)
     found = []
     for k in np.unique(lengths[lengths > 0]).tolist():
         rows = np.flatnonzero(lengths == k)
-        found.append((rows, np.array([faces[row] for row in rows.tolist()], np.int64)))
+        found.append((rows, numbers[starts[rows, None] + np.arange(k)].astype(np.int64)))
     return found
