@@ -95,9 +95,7 @@ def test_a_disparity_with_its_sign_and_a_camera_that_hardly_fits(
     assert any("principal point" in text for text in json.loads(out)["warnings"])
     centred = "--K", "300,300,200,120", "-o", tmp_path / "b"
     for more in ((), ("--disparity-scale", "4"), ("--disparity-sign", "-1")):
-        code, _, err = run(
-            "cloud", pair.left, pair.right, *words, "--K", "300,300,200,120", *more, "-o", tmp_path / "b"
-        )
+        code, _, err = run("cloud", pair.left, pair.right, *words, *centred, *more)
         assert code == 2
         assert "does not fit the matches" in err
         assert not (tmp_path / "b").exists()
