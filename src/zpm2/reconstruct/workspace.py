@@ -135,7 +135,7 @@ def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, fl
 
 
 def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
-    views = sum(1 for _ in (dense / "stereo" / "depth_maps").glob("*.geometric.bin"))
+    views = sum(1 for _ in (dense / "stereo" / "depth_maps").rglob("*.geometric.bin"))
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels = min(3, views)
     if not pycolmap.has_cuda:
