@@ -88,7 +88,8 @@ def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, 
     of the right image has a disparity that is greater by more than 1 px, or smaller where disparities are negative (the
     right photograph comes first).
     """
-    toward = 1.0 if not np.nanmedian(disparity) < 0 else -1.0  # the sign of disparities of what is near
+    below, above = np.count_nonzero(disparity < 0), np.count_nonzero(disparity > 0)
+    toward = -1.0 if below > above else 1.0  # the sign of disparities of what is near
 
     def carry(rows: slice) -> _Carried:
         left, d = _known(disparity, rows)
