@@ -29,7 +29,7 @@ from zpm2.errors import Failed
 from zpm2.evaluate.datasets.pair_list import from_json
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 from zpm2.io.images import read_image
-from zpm2.io.maps import read_map
+from zpm2.io.maps import read_disparity
 from zpm2.model import Camera
 from zpm2.result import MatchResult
 
@@ -66,7 +66,7 @@ def measured(pair: EvalPair, predictions: Path) -> list[dict[str, Any]]:
     surface = fill_holes(surface, CloudConfig().fill * surface.extent)
     caster = open_caster(surface)
     made = time.perf_counter() - start
-    truth = read_map(pair.truth.file, size, pair.truth.scale)
+    truth = read_disparity(pair.truth.file, size, pair.truth.scale, pair.truth.sign)
     views = [View(side, Path(side), view) for side, view in zip(("left", "right"), rig.views, strict=True)]
     outlines = [polygon.shape for polygon in result.matched_polygons()[0]]
     naive = [fault is not None for fault in faults(outlines, rig.views[0], surface, caster, CloudConfig())]

@@ -87,6 +87,26 @@ def test_a_given_disparity(pair: Pair, matches: Path, k: str, run: Run, tmp_path
     assert np.median(depth_errors(document, pair)) < 0.001
 
 
+def test_a_disparity_with_its_sign_and_a_camera_that_hardly_fits(
+    pair: Pair, matches: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What does not fit the matches is refused, what is odd about K is said."""
+    monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
+    np.save(tmp_path / "d.npy", -4 * pair.scene.disparity)
+    words = ("--stereo", "--baseline", "0.2", "--matches", matches, "--disparity", tmp_path / "d.npy")
+    odd = ("--K", f"{pair.scene.f},{pair.scene.f},120,60", "--disparity-scale", "4", "--disparity-sign", "-1")
+    code, out, err = run("cloud", pair.left, pair.right, *words, *odd, "-o", tmp_path / "a", "--json")
+    assert code == 0, err
+    assert "the left camera has its principal point at (120, 60), 25 % of a side" in err
+    assert any("principal point" in text for text in json.loads(out)["warnings"])
+    centred = "--K", "300,300,200,120", "-o", tmp_path / "b"
+    for more in ((), ("--disparity-scale", "4"), ("--disparity-sign", "-1")):
+        code, _, err = run("cloud", pair.left, pair.right, *words, *centred, *more)
+        assert code == 2
+        assert "does not fit the matches" in err
+        assert not (tmp_path / "b").exists()
+
+
 @pytest.fixture
 def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
     folder = tmp_path / "ws"
@@ -188,6 +208,12 @@ def test_a_mesh_in_another_frame(workspace: Path, rig: Rig, pair: Pair, run: Run
         (["left.png", "right.png", "--stereo"], "--calib, or --K and --baseline"),
         (["left.png", "right.png", "--stereo", "--K", "300,300,200,120", "--baseline", "-1"], "length above 0"),
         (["left.png", "right.png", "--stereo", "--calib", "none.txt"], "none.txt"),
+        (["left.png", "right.png", "--stereo", "--K", "300,300,120,200", "--baseline", "1"], "fits 240 x 400 px"),
+        (["left.png", "right.png", "--stereo", "--K", "300,300,900,120", "--baseline", "1"], "outside of the image"),
+        (["left.png", "right.png", "--stereo", "--K", "35,35,200,120", "--baseline", "1"], "must be in px"),
+        (["left.png", "right.png", "--stereo", "--calib", "small.txt"], "is for an image of 200 x 120 px, left.png"),
+        (["left.png", "right.png", "--stereo", "--disparity-scale", "0"], "number above 0"),
+        (["left.png", "right.png", "--stereo", "--disparity-sign", "2"], "give 1, or -1"),
         (["left.png", "right.png", "--stereo", "--mesh", "m.ply"], "--mesh is for a workspace"),
         (["ws", "--baseline", "1"], "--baseline is for --stereo"),
         (["ws", "--spacing", "0"], "distance above 0"),
@@ -207,6 +233,8 @@ def test_one_line_for_what_cannot_be_used(
     monkeypatch.chdir(tmp_path)
     for path in (pair.left, pair.right):
         shutil.copy(path, tmp_path / path.name)
+    camera = "[150 0 99.5; 0 150 59.5; 0 0 1]"
+    Path("small.txt").write_text(f"cam0={camera}\ncam1={camera}\nbaseline=1\nwidth=200\nheight=120\n")
     code, _, err = run("cloud", *words, "-o", "out")
     assert code == 2
     assert why in err

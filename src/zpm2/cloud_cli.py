@@ -89,6 +89,7 @@ def cloud(
     disparity_scale: Annotated[
         float, typer.Option(help="What the values of --disparity are divided by.", rich_help_panel=STEREO)
     ] = 1.0,
+    disparity_sign: Annotated[int, typer.Option(help="-1 where --disparity stores -d.", rich_help_panel=STEREO)] = 1,
     matches: Annotated[
         Path | None,
         typer.Option(help="With --stereo: take the matches of this folder of zpm2 match.", rich_help_panel=STEREO),
@@ -121,6 +122,10 @@ def cloud(
     config = configure(preset, config_file, settings, {"device": device, "seed": seed})
     if spacing is not None and not 0 < spacing < float("inf"):
         raise ConfigError(f"--spacing {spacing}: give a distance above 0")
+    if not 0 < disparity_scale < float("inf"):
+        raise ConfigError(f"--disparity-scale {disparity_scale}: give a number above 0")
+    if disparity_sign not in (1, -1):
+        raise ConfigError(f"--disparity-sign {disparity_sign}: give 1, or -1 where the file stores -d")
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
     _refuse(stereo, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
     if len(inputs) != (2 if stereo else 1):
@@ -142,7 +147,9 @@ def cloud(
         matcher = _Matcher(config, progress, say, out)
         if stereo:
             rig = _rig(calib, k, k2, baseline, inputs)
-            found = _stereo(matcher, inputs, rig, disparity, disparity_scale, matches, non_overlapping)
+            found = _stereo(
+                matcher, inputs, rig, disparity, (disparity_scale, disparity_sign), matches, non_overlapping
+            )
         else:
             found = _workspace(matcher, inputs[0], mesh, images, cameras, non_overlapping)
         progress("save", 0.0)
@@ -198,7 +205,8 @@ def _workspace(
     from zpm2.cloud import MatchedPair, Surface, neighbor_pairs
     from zpm2.cloud.workspace import find_mesh, read_views
 
-    views = read_views(folder, images, cameras)
+    odd = list[str]()
+    views = read_views(folder, images, cameras, odd)
     matcher.progress("mesh", 0.0)
     surface = _filled(Surface.read(mesh or find_mesh(folder)), matcher.config)
     matcher.progress("mesh", 1.0)
@@ -210,7 +218,7 @@ def _workspace(
         result = matcher(views[i].path, views[j].path, (views[i].name, views[j].name))
         pairs.append(MatchedPair(i, j, result.flatten() if exclusive else result))
     matcher.progress("pairs", 1.0)
-    return _built(views, pairs, surface, caster, matcher)
+    return _built(views, pairs, surface, caster, matcher, odd)
 
 
 def _stereo(
@@ -218,21 +226,20 @@ def _stereo(
     photographs: list[Path],
     rig: "Rig",
     disparity: Path | None,
-    scale: float,
+    scaling: tuple[float, int],
     matches: Path | None,
     exclusive: bool,
 ) -> "PolygonCloud":
     from zpm2.cloud import MatchedPair, View, stereo
     from zpm2.cloud.export import write_surface
+    from zpm2.io.fit import doubts
     from zpm2.io.images import read_image
-    from zpm2.io.maps import read_map
+    from zpm2.io.maps import read_disparity
     from zpm2.result import MatchResult
 
     left, right = read_image(photographs[0], "left image"), read_image(photographs[1], "right image")
-    for image, camera in ((left, rig.left), (right, rig.right)):
-        if (image.width, image.height) != camera.size:
-            raise InputError(f"{image.path} has {image.width} x {image.height} px, its camera {camera.size}")
-    given = read_map(disparity, (left.width, left.height), scale) if disparity is not None else None
+    odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
+    given = read_disparity(disparity, (left.width, left.height), *scaling) if disparity is not None else None
     names = photographs[0].name, photographs[1].name
     result = MatchResult.load(matches) if matches is not None else matcher(photographs[0], photographs[1], names)
     sizes = [(side.width, side.height) for side in (result.left, result.right)]
@@ -244,12 +251,14 @@ def _stereo(
         if isinstance(bounds, Failed):
             raise InputError(f"no surface from this pair: {bounds}; give --disparity")
         given = stereo.semi_global(left, right, *bounds)
+    else:
+        stereo.refuse_other_disparity(given, result.points.left, result.points.right)
     surface = _filled(stereo.disparity_mesh(given, rig), matcher.config)
     write_surface(surface, matcher.out / "mesh.ply")
     matcher.progress("mesh", 1.0)
     views = [View(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
     pairs = [MatchedPair(0, 1, result.flatten() if exclusive else result)]
-    return _built(views, pairs, surface, _caster(surface), matcher)
+    return _built(views, pairs, surface, _caster(surface), matcher, odd)
 
 
 def _filled(surface: "Surface", config: "Config") -> "Surface":
@@ -269,12 +278,18 @@ def _caster(surface: "Surface") -> "RayCaster":
 
 
 def _built(
-    views: "list[View]", pairs: "list[MatchedPair]", surface: "Surface", caster: "RayCaster", matcher: _Matcher
+    views: "list[View]",
+    pairs: "list[MatchedPair]",
+    surface: "Surface",
+    caster: "RayCaster",
+    matcher: _Matcher,
+    odd: list[str],
 ) -> "PolygonCloud":
+    """The cloud, with what is `odd` about the cameras among its warnings."""
     from zpm2.cloud import build
 
     made = build(views, pairs, surface, caster, matcher.config.cloud, matcher.progress)
-    warnings, notes = list(made.warnings), list(made.notes)
+    warnings, notes = [*odd, *made.warnings], list(made.notes)
     for pair in pairs:
         names = f"{views[pair.left].name}, {views[pair.right].name}"
         warnings += about(names, pair.result.warnings)
@@ -284,13 +299,18 @@ def _built(
 
 def _rig(calib: Path | None, k: str | None, k2: str | None, baseline: float | None, photographs: list[Path]) -> "Rig":
     from zpm2.cloud.stereo import read_calibration, rig_of
+    from zpm2.io.fit import checked, fitting_size
     from zpm2.io.inputs import image_size
     from zpm2.pose.intrinsics import read_camera
 
     if calib is not None:
         if any(value is not None for value in (k, k2, baseline)):
             raise ConfigError("--calib holds the cameras and the baseline: leave --K, --K2 and --baseline out")
-        return read_calibration(calib, image_size(photographs[0]))
+        rig = read_calibration(calib, image_size(photographs[0]))
+        for name, camera, path in zip(("left", "right"), (rig.left, rig.right), photographs, strict=True):
+            what = f"the {name} camera of {calib}"
+            checked(fitting_size(camera, image_size(path), what, str(path)), what, str(path))
+        return rig
     if k is None or baseline is None:
         raise ConfigError("--stereo needs the cameras: give --calib, or --K and --baseline")
     if not 0 < baseline < float("inf"):

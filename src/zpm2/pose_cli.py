@@ -45,8 +45,8 @@ def pose(
         str | None,
         typer.Option(
             "--K",
-            help="Left camera: fx,fy,cx,cy[,k1,k2,p1,p2[,k3]], a matrix file, a COLMAP model, exif or guess. "
-            "[default: exif, else estimated from the points]",
+            help="Left camera: fx,fy,cx,cy[,k1[,k2[,p1,p2[,k3]]]] of the stored pixels, a matrix file, a COLMAP model, "
+            "exif or guess.  [default: exif, else estimated from the points]",
             rich_help_panel=CAMERAS,
         ),
     ] = None,
@@ -113,8 +113,11 @@ def pose(
         raise ConfigError(f"--baseline {baseline}: give a length above 0")
     if colmap:
         from zpm2.io.colmap import require_pycolmap
+        from zpm2.io.inputs import distinct_names
 
         require_pycolmap()
+        if len(set(distinct_names([left, right]))) < 2:
+            raise ConfigError(f"--colmap needs two photographs, {left} is given twice")
     use_weights(weights_dir)
 
     from zpm2.io.images import read_image
@@ -212,14 +215,15 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
 
 
 def _colmap(found: "PoseResult", paths: tuple[Path, Path], out: Path) -> list[str]:
+    from zpm2.io.inputs import distinct_names
     from zpm2.io.record import made_folder
     from zpm2.pose import colmap
 
     if isinstance(found.pose, Failed) or found.translation is None:
         print("warning: no COLMAP model: there is no pose with a translation", file=sys.stderr)
         return []
-    folder = made_folder(out / "colmap")
-    return [str(colmap.write(found, (paths[0].name, paths[1].name), folder))]
+    left, right = distinct_names(paths)
+    return [str(colmap.write(found, (left, right), made_folder(out / "colmap")))]
 
 
 def _report(

@@ -41,29 +41,30 @@ def reconstruct(
         raise ConfigError(f"--neighbors {neighbors}: give at least 1")
     from zpm2.cloud.workspace import read_views
     from zpm2.io.images import read_image
-    from zpm2.io.inputs import photographs
+    from zpm2.io.inputs import distinct_names, some_photographs
     from zpm2.reconstruct import Options, claimed_names
     from zpm2.reconstruct import reconstruct as run
 
-    known = None
+    known, odd = None, list[str]()
     if cameras is not None:
         if len(images) != 1 or not images[0].is_dir():
             raise ConfigError("--cameras needs one folder of photographs")
-        views = read_views(images[0], images[0], cameras)
-        known = {view.path.name: view.camera for view in views}
+        views = read_views(images[0], images[0], cameras, odd)
         paths = [view.path for view in views]
+        known = {name: view.camera for name, view in zip(distinct_names(paths), views, strict=True)}
     else:
-        paths = photographs(images[0]) if len(images) == 1 else images
+        paths = some_photographs(images[0]) if len(images) == 1 and not images[0].is_file() else images
     for path in paths:
         read_image(path)  # one line for what cannot be read, before anything is written
     folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")
     with folder, bars(quiet or as_json) as (progress, _):
         made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
-    for note in made.notes:
+    notes = [*odd, *made.notes]
+    for note in notes:
         print(f"warning: {note}", file=sys.stderr)
     if as_json:
         kept = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
-        print(json.dumps(kept | {"warnings": list(made.notes), "out": str(out)}))
+        print(json.dumps(kept | {"warnings": notes, "out": str(out)}))
     elif not quiet:
         print(f"{made.registered} of {made.photographs} photographs oriented, {made.points} points on the surface")
         print(f"Written: {out / 'mesh.ply'}, sparse/0, dense, images; next: zpm2 cloud {out} -o OUT")

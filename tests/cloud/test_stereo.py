@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from rendered import Pair
 
-from zpm2.cloud.stereo import Rig, disparity_mesh, disparity_range, read_calibration, rig_of, semi_global
+from zpm2.cloud.stereo import (
+    Rig,
+    disparity_mesh,
+    disparity_range,
+    read_calibration,
+    refuse_other_disparity,
+    rig_of,
+    semi_global,
+)
 from zpm2.errors import Failed, InputError
 from zpm2.io.images import read_image
 from zpm2.model import Camera
@@ -125,3 +133,45 @@ def test_pairs_that_are_not_rectified_are_refused() -> None:
     bent = Camera(K, (400, 240), np.array([0.1, 0, 0, 0]))
     with pytest.raises(InputError, match="distortion"):
         rig_of(bent, bent, 1.0)
+
+
+@pytest.mark.parametrize("baseline", [0.0, -0.2, float("nan"), float("inf")])
+def test_a_baseline_is_a_length(baseline: float, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="length above 0"):
+        rig_of(Camera(K, (400, 240)), Camera(K, (400, 240)), baseline)
+    (tmp_path / "calib.txt").write_text(
+        f"cam0=[300 0 200; 0 300 120; 0 0 1]\ncam1=[300 0 200; 0 300 120; 0 0 1]\nbaseline={baseline}\n"
+        "width=400\nheight=240\n"
+    )
+    with pytest.raises(InputError, match="length above 0"):
+        read_calibration(tmp_path / "calib.txt", (400, 240))
+
+
+def test_exchanged_photographs_are_said() -> None:
+    with pytest.raises(InputError, match="behind the cameras: give the left photograph first"):
+        disparity_mesh(np.full((40, 60), -10.0, np.float32), rig(size=(60, 40)))
+
+
+def test_a_map_of_another_scale_sign_or_kind_is_refused() -> None:
+    """Homologous points tell, even if half of them are wrong."""
+    rng = np.random.default_rng(0)
+    truth = np.repeat(rng.uniform(8, 60, (6, 10)), 20, 0).repeat(20, 1).astype(np.float32)
+    left = rng.uniform([0, 0], [200, 120], (80, 2))
+    right = left - np.c_[truth[tuple(left[:, ::-1].astype(int).T)], np.zeros(80)]
+    right[::2] = rng.uniform([0, 0], [200, 120], (40, 2))
+    truth[:3] = np.nan
+    refuse_other_disparity(truth, left, right)
+    refuse_other_disparity(-truth, left[:9], right[:9])  # too few to tell
+    for other in (truth * 4, -truth, truth / 256, 60 / truth):
+        with pytest.raises(InputError, match="does not fit the matches"):
+            refuse_other_disparity(other, left, right)
+
+
+def test_calibration_of_kitti_with_its_size(tmp_path: Path) -> None:
+    k = "718.856 0 607.193 {} 0 718.856 185.216 0 0 0 1 0"
+    lines = f"P_rect_02: {k.format(0)}\nP_rect_03: {k.format(-337)}\nS_rect_02: 1.242000e+03 3.750000e+02\n"
+    (tmp_path / "calib.txt").write_text(lines)
+    assert read_calibration(tmp_path / "calib.txt", (1241, 376)).left.size == (1242, 375)
+    (tmp_path / "calib.txt").write_text(lines.replace("e+03", "x"))
+    with pytest.raises(InputError, match="S_rect_02"):
+        read_calibration(tmp_path / "calib.txt", (1241, 376))

@@ -136,3 +136,55 @@ def test_the_mesh(tmp_path: Path) -> None:
         find_mesh(tmp_path)
     (tmp_path / "mesh.ply").touch()
     assert find_mesh(tmp_path).name == "mesh.ply"
+
+
+def test_photographs_in_sub_folders_that_the_model_names(tmp_path: Path) -> None:
+    """Two of one name, each with its own camera; where nothing names them, the folders are said."""
+    scene = tmp_path / "scene"
+    for side, size in (("a", (640, 480)), ("b b", (320, 240))):
+        (scene / "images" / side).mkdir(parents=True)
+        PIL.Image.new("RGB", size).save(scene / "images" / side / "0.png")
+    (scene / "sparse").mkdir()
+    (scene / "sparse" / "cameras.txt").write_text(
+        "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 320 240 250 250 160 120\n3 FOV 9 9 1 1 1 1 1\n"
+    )
+    lines = "1 1 0 0 0 0 0 0 1 a/0.png\n\n\n2 1 0 0 0 -1 0 0 2 b b/0.png\n"
+    (scene / "sparse" / "images.txt").write_text(lines)
+    views = read_views(scene)
+    assert [(view.name, view.camera.camera.size[0]) for view in views] == [("a/0.png", 640), ("b b/0.png", 320)]
+    notes: list[str] = []
+    (scene / "sparse" / "images.txt").write_text(lines + "\n3 1 0 0 0 -1 0 0 3 c/0.png\n")
+    assert len(read_views(scene, notes=notes)) == 2
+    assert "1 of 3 photographs have a camera of model FOV" in notes[0]
+    (scene / "cams").mkdir()
+    (scene / "cams" / "0_cam.txt").touch()
+    with pytest.raises(InputError, match=r"images holds no photographs itself, .*images/a and 1 more sub-folders do"):
+        read_views(scene, cameras=scene / "cams")
+
+
+def test_cameras_that_do_not_fit(tmp_path: Path) -> None:
+    """MVSNet's files have no size: a camera of half of it is said, one of the turned image and of none refused."""
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    mvsnet(scene)
+    files = {file: file.read_text() for file in (scene / "cams").iterdir()}
+
+    def written(fx: float, cx: float, cy: float) -> None:
+        for file, text in files.items():
+            file.write_text(f"{text.partition('intrinsic')[0]}intrinsic\n{fx} 0 {cx}\n0 {fx} {cy}\n0 0 1\n\n425 2.5")
+
+    for values, why in (
+        ((500, 239.5, 319.5), "fits 480 x 640"),
+        ((500, 700, 240), "outside"),
+        ((35, 320, 240), "in px"),
+    ):
+        written(*values)
+        with pytest.raises(InputError, match=rf"the camera of 0\.png has .*{why}"):
+            read_views(scene)
+    written(250, 159.5, 119.5)
+    notes: list[str] = []
+    read_views(scene, notes=notes)
+    assert notes == [
+        "the camera of 0.png has its principal point at (160, 120), 25 % of a side from the middle of the image of "
+        "640 x 480 px: was it made for another size? (and 1 more cameras)"
+    ]

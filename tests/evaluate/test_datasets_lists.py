@@ -86,6 +86,8 @@ POSE = {"kind": "pose", "K0": K, "K1": K, "T_0to1": T}
         ({"kind": "disparity", "file": "e.pfm"}, r"looked for .*e\.pfm"),
         ({"kind": "disparity", "file": "d.pfm", "scale": 0}, "scale 0: write a number above 0"),
         ({"kind": "disparity", "file": "d.pfm", "scale": None}, "scale None"),
+        ({"kind": "disparity", "file": "d.pfm", "sign": 0}, "sign 0: write 1, or -1"),
+        ({"kind": "disparity", "file": "d.pfm", "sign": "left"}, "sign 'left'"),
         ({"kind": "homography", "H": K[:2]}, "H of pair 'pair/0' of .* is no 3 x 3 matrix"),
         ({"kind": "homography", "H": [[1, 0, 0], [0, 1, 0], [0, 0, float("nan")]]}, "not finite"),
         ({"kind": "homography"}, "not finite|no 3 x 3"),
@@ -155,6 +157,13 @@ def test_csv_with_two_columns_and_with_names(tmp_path):
     assert [(pair.name, pair.truth) for pair in listed("csv", tmp_path)] == [("1-2", None)]
     (named,) = listed("csv", tmp_path, "named")
     assert (named.name, named.truth) == ("run/1", DisparityTruth(tmp_path / "d.pfm", 1.0))
+
+
+def test_a_pair_in_the_order_right_left_says_its_sign(tmp_path):
+    write(tmp_path, {"kind": "disparity", "file": "d.pfm", "sign": -1}, {"kind": "disparity", "file": "d.pfm"})
+    file(tmp_path / "pairs.csv", "left,right,disparity,sign\na.png,b.png,d.pfm,-1\nb.png,a.png,d.pfm,\n")
+    for name in ("pairs", "csv"):
+        assert [pair.truth.sign for pair in listed(name, tmp_path)] == [-1, 1]
 
 
 @pytest.mark.parametrize(

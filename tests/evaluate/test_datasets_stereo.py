@@ -66,7 +66,7 @@ def test_flying_things(tmp_path):
     assert names(pairs) == ["cleanpass/TEST/C/0149/0015", "cleanpass/TRAIN/A/0000/0006", "cleanpass/TRAIN/B/0010/0007"]
     assert pairs[1].left == tmp_path / "frames_cleanpass/TRAIN/A/0000/left/0006.png"
     assert pairs[1].right == tmp_path / "frames_cleanpass/TRAIN/A/0000/right/0006.png"
-    assert pairs[1].truth == DisparityTruth(tmp_path / "disparity/TRAIN/A/0000/left/0006.pfm", 1.0)
+    assert pairs[1].truth == DisparityTruth(tmp_path / "disparity/TRAIN/A/0000/left/0006.pfm", 1.0, sign=0)
     assert names(listed("sceneflow", tmp_path, "TEST")) == ["cleanpass/TEST/C/0149/0015"]
 
 

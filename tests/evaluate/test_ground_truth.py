@@ -104,6 +104,36 @@ def test_many_rows_are_read_in_blocks(monkeypatch):
     assert (overlap(polygons, polygons, parts, SIZE, SIZE).counts != counts).nnz == 0
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_a_pair_in_the_order_right_left_sees_the_same_points(seed):
+    """Mirrored images are those of the other order: x becomes width - x, and disparities change their sign."""
+    rng = np.random.default_rng(seed)
+    disparity = np.repeat(rng.uniform(1, 30, (8, 12)), 10, 0).repeat(10, 1)
+    disparity[rng.random(disparity.shape) < 0.1] = np.nan
+    there, back = from_disparity(disparity, SIZE), from_disparity(-disparity[:, ::-1], SIZE)
+    mirror = np.array([SIZE[0], 0]), np.array([-1, 1])
+
+    def rows(points):
+        both = np.c_[points.left, points.right]
+        return both[np.lexsort(both.T)]
+
+    mirrored = CoVisible(mirror[0] + mirror[1] * back.left, mirror[0] + mirror[1] * back.right)
+    assert rows(mirrored) == pytest.approx(rows(there), abs=1e-9)
+
+
+def test_truth_in_the_order_right_left(tmp_path):
+    """As stored, as the other sign of a map that cannot store it, and as SceneFlow, where the sign says nothing."""
+    np.save(tmp_path / "d.npy", np.full((80, 120), -20.0))
+    stored = covisible(DisparityTruth(tmp_path / "d.npy"), SIZE, SIZE)
+    assert np.unique(stored.right - stored.left, axis=0).tolist() == [[20, 0]]
+    cv2.imwrite(str(tmp_path / "d.png"), np.full((80, 120), 20, np.uint8))
+    png = covisible(DisparityTruth(tmp_path / "d.png", sign=-1), SIZE, SIZE)
+    assert np.array_equal(png.right, stored.right)
+    flow = covisible(DisparityTruth(tmp_path / "d.npy", sign=0), SIZE, SIZE)
+    assert np.unique(flow.right - flow.left, axis=0).tolist() == [[-20, 0]]
+
+
 def test_truth_from_files(tmp_path):
     np.save(tmp_path / "d.npy", np.full((80, 120), 20.0))
     points = covisible(DisparityTruth(tmp_path / "d.npy", 2.0), SIZE, SIZE)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from zpm2.errors import InputError
-from zpm2.io.maps import read_map
+from zpm2.io.maps import read_disparity, read_map
 
 VALUES = np.array([[1.5, 0.0, 3.0], [7.25, np.inf, 2.0]], np.float32)
 KNOWN = np.array([[1.5, np.nan, 3.0], [7.25, np.nan, 2.0]], np.float32)
@@ -17,6 +17,13 @@ def pfm(values, scale=b"-1.0", kind=b"Pf", newline=b"\n"):
     order = "<f4" if float(scale) < 0 else ">f4"
     header = kind + newline + b"%d %d" % values.shape[::-1] + newline + scale + newline
     return header + values[::-1].astype(order).tobytes()
+
+
+def write(path, values):
+    if path.suffix == ".npy":
+        np.save(path, values)
+    else:
+        path.write_bytes(pfm(values))
 
 
 @pytest.mark.parametrize("scale", [b"-1.0", b"1.0", b"-0.003922", b"1e0"])
@@ -34,6 +41,42 @@ def test_pfm_sign_is_dropped_and_data_may_begin_like_white_space(tmp_path):
     odd = np.frombuffer(b"\n\n \n\r\n\n ", "<f4").reshape(1, 2)
     (tmp_path / "d.pfm").write_bytes(pfm(odd))
     assert np.array_equal(read_map(tmp_path / "d.pfm", scale=1e-30), odd / np.float32(1e-30))
+
+
+@pytest.mark.parametrize("suffix", ["pfm", "npy"])
+def test_the_sign_is_that_of_the_file_or_the_other_one_or_always_positive(tmp_path, suffix):
+    for stored in (VALUES, -VALUES):
+        write(tmp_path / f"d.{suffix}", stored)
+        for sign, expected in ((1, np.sign(stored[0, 0])), (-1, -np.sign(stored[0, 0])), (0, 1)):
+            found = read_disparity(tmp_path / f"d.{suffix}", scale=2, sign=sign)
+            assert np.array_equal(found, expected * KNOWN / 2, equal_nan=True)
+
+
+@pytest.mark.parametrize("suffix", ["pfm", "npy"])
+@pytest.mark.parametrize("sign", [1, -1, 0])
+def test_a_mixed_sign_is_refused(tmp_path, suffix, sign):
+    values = np.random.default_rng(0).uniform(1, 50, (20, 30)).astype(np.float32)
+    values[:, :10] *= -1
+    write(tmp_path / f"d.{suffix}", values)
+    with pytest.raises(InputError, match=r"200 values below 0 and 400 above: disparities have one sign"):
+        read_disparity(tmp_path / f"d.{suffix}", sign=sign)
+
+
+def test_few_values_of_the_other_sign_and_markers_are_unknown(tmp_path):
+    values = np.random.default_rng(0).uniform(0.5, 50, (20, 30)).astype(np.float32)
+    few, half = np.zeros((2, 20, 30), bool)
+    few[0, :20], half[:, :15] = True, True
+    for where, other in ((few, -values), (half, -1), (half, -9999)):
+        stored = np.where(where, other, values).astype(np.float32)
+        np.save(tmp_path / "d.npy", stored)
+        found = read_disparity(tmp_path / "d.npy")
+        assert np.array_equal(found, np.where(where, np.nan, values), equal_nan=True)
+
+
+def test_a_half_of_one_value_below_zero_is_a_mixed_sign(tmp_path):
+    np.save(tmp_path / "d.npy", np.where(np.arange(30) < 15, 10.0, -10.0) * np.ones((20, 1)))
+    with pytest.raises(InputError, match="300 values below 0 and 300 above"):
+        read_disparity(tmp_path / "d.npy")
 
 
 @pytest.mark.parametrize(("dtype", "scale"), [(np.uint16, 256.0), (np.uint8, 4.0)])

@@ -93,6 +93,79 @@ def test_wrong_number_of_coefficients() -> None:
         read_camera("500,510,320,240,1,2,3", "left.png", SIZE)
 
 
+@pytest.mark.parametrize("count", [1, 2, 4, 5, 8])
+def test_coefficients_of_distortion(count: int) -> None:
+    """Those that mean something bend and unbend; a few are the first ones of more."""
+    values = (-0.1, 0.01, 0.001, -0.001, 0.002, 0.0, 0.0, 0.0)[:count]
+    camera = read_camera(",".join(map(str, (500, 500, 320, 240, *values))), "left.png", SIZE)
+    assert camera.distortion.tolist() == list(values)
+    points = np.random.default_rng(0).uniform([0, 0], SIZE, (50, 2))
+    assert np.abs(camera.pixels(camera.rays(points)) - points).max() < 1e-6
+    whole = Camera(camera.matrix, SIZE, np.r_[values, np.zeros(8 - count)])
+    assert camera.rays(points) == pytest.approx(whole.rays(points), abs=1e-9)
+
+
+@pytest.mark.parametrize("count", [3, 6, 7, 9, 12])
+def test_other_numbers_of_coefficients(count: int) -> None:
+    with pytest.raises(InputError, match=rf"{count} coefficients of distortion: give k1; k1,k2;") as error:
+        read_camera("500,500,320,240" + ",0.01" * count, "left.png", SIZE)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["600,320,600,240", "320,240,600,600", "320,240,400,400"])
+def test_numbers_in_another_order(text: str) -> None:
+    with pytest.raises(InputError, match=r"has the order .*: give fx,fy,cx,cy, that is (600,600|400,400),320,240"):
+        read_camera(text, "left.png", SIZE)
+
+
+def test_the_camera_of_the_image_as_it_is_shown(tmp_path: Path) -> None:
+    """One rule for every source of K: it is of the pixels that the file stores."""
+    picture = PIL.Image.new("RGB", SIZE)
+    data = picture.getexif()
+    data[0x0112] = 8
+    data.get_ifd(0x8769).update({0xA405: 28, 0x920A: 8.0, 0xA20E: 2000.0, 0xA210: 3, 0xA002: 480, 0xA003: 640})
+    picture.save(tmp_path / "left.jpg", exif=data)
+    k = np.array([[600.0, 0, 240], [0, 600, 320], [0, 0, 1]])
+    np.save(tmp_path / "k.npy", k)
+    np.savetxt(tmp_path / "k.txt", k)
+    (tmp_path / "k.json").write_text(json.dumps({"matrix": k.tolist()}))
+    (tmp_path / "sized.json").write_text(json.dumps({"matrix": k.tolist(), "width": 480, "height": 640}))
+    for name, size in (("shown", "480 640"), ("stored", "640 480")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "cameras.txt").write_text(f"1 PINHOLE {size} 600 600 240 320\n")
+    for text in ("600,600,240,320", *(str(tmp_path / n) for n in ("k.npy", "k.txt", "k.json", "sized.json", "shown"))):
+        with pytest.raises(InputError, match=r"480 x 640 px.* 640 x 480 px.*EXIF orientation 8"):
+            read_camera(text, tmp_path / "left.jpg", SIZE)
+    with pytest.raises(InputError, match=r"fits 480 x 640 px"):
+        read_camera(str(tmp_path / "stored"), tmp_path / "left.jpg", SIZE)
+    for text in ("exif", "guess", "600,600,320,240"):
+        camera = read_camera(text, tmp_path / "left.jpg", SIZE)
+        assert camera.matrix[:2, 2].tolist() == [320, 240]
+    data.get_ifd(0x8769).pop(0xA405)
+    picture.save(tmp_path / "sensor.jpg", exif=data)  # its sides were exchanged by the program that turned it
+    assert read_camera("exif", tmp_path / "sensor.jpg", SIZE).focal == pytest.approx(8.0 * 200)
+
+
+def test_matrices_of_other_shapes(tmp_path: Path) -> None:
+    """With nothing beside K, in a row, with comments; and the projection of a camera that is not turned (KITTI)."""
+    wide, whole = np.c_[K, [-300.0, 2, 0.01]], np.block([[K, np.zeros((3, 1))], [np.zeros((1, 3)), np.eye(1)]])
+    np.save(tmp_path / "wide.npy", wide)
+    np.save(tmp_path / "whole.npy", whole)
+    (tmp_path / "row.txt").write_text(" ".join(str(v) for v in wide.ravel()))
+    (tmp_path / "rows.txt").write_text(" ".join(str(v) for v in whole.ravel()))
+    (tmp_path / "said.txt").write_text("\ufeff# K\r\n" + "\r\n".join(", ".join(map(str, row)) for row in K.tolist()))
+    (tmp_path / "column.txt").write_text("\n".join(str(v) for v in K.ravel()))
+    for name in ("wide.npy", "whole.npy", "row.txt", "rows.txt", "said.txt", "column.txt"):
+        assert np.array_equal(read_camera(str(tmp_path / name), "left.png", SIZE).matrix, K), name
+    turned = K @ np.c_[[[0.0, -1, 0], [1, 0, 0], [0, 0, 1]], [1, 2, 3]]
+    np.savetxt(tmp_path / "turned.txt", turned)
+    with pytest.raises(InputError, match="shape 3 x 4"):
+        read_camera(str(tmp_path / "turned.txt"), "left.png", SIZE)
+    np.savetxt(tmp_path / "transposed.txt", K.T)
+    with pytest.raises(InputError, match=r"must be \[fx s cx"):
+        read_camera(str(tmp_path / "transposed.txt"), "left.png", SIZE)
+
+
 def test_swapped_cameras() -> None:
     wide, tall = Camera(np.array([[500.0, 0, 500], [0, 500, 200], [0, 0, 1]]), (1000, 400)), Camera(K, SIZE)
     refuse_swapped((wide, tall))

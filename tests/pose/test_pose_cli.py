@@ -1,6 +1,7 @@
 """`zpm2 pose` as people type it, on the rendered pair: what it writes, and one line for what it cannot use."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,43 @@ def test_colmap(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> 
     assert {image.name for image in model.images.values()} == {"left.png", "right.png"}
 
 
+def test_colmap_of_photographs_of_one_name(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+    """They keep their folders; one photograph twice is refused before anything is written."""
+    pycolmap = pytest.importorskip("pycolmap")
+    for side, path in (("left", pair.left), ("right", pair.right)):
+        (tmp_path / side).mkdir()
+        shutil.copy(path, tmp_path / side / "0.png")
+    left, right = tmp_path / "left" / "0.png", tmp_path / "right" / "0.png"
+    words = ["--K", k, "--matches", matches, "--colmap", *QUICK]
+    code, _, err = run("pose", left, right, "-o", tmp_path / "pose", *words)
+    assert code == 0, err
+    model = pycolmap.Reconstruction(str(tmp_path / "pose" / "colmap" / "sparse" / "0"))
+    assert {image.name for image in model.images.values()} == {"left/0.png", "right/0.png"}
+    code, _, err = run("pose", left, left, "-o", tmp_path / "twice", *words)
+    assert (code, (tmp_path / "twice").exists()) == (2, False)
+    assert "given twice" in err
+
+
+def test_each_photograph_has_its_own_camera_of_a_model(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:
+    for side, path in (("left", pair.left), ("right", pair.right)):
+        (tmp_path / side).mkdir()
+        shutil.copy(path, tmp_path / side / "0.png")
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 400 240 300 300 200 120\n2 PINHOLE 400 240 310 310 200 120\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 left/0.png\n\n\n2 1 0 0 0 0 0 0 2 right/0.png\n\n")
+    photographs = tmp_path / "left" / "0.png", tmp_path / "right" / "0.png"
+    code, _, err = run("pose", *photographs, "-o", tmp_path / "p", "--K", tmp_path, "--matches", matches, *QUICK)
+    assert code == 0, err
+    document = json.loads((tmp_path / "p" / "pose.json").read_text())
+    assert [camera["matrix"][0][0] for camera in document["cameras"]] == [300, 310]
+
+
+def test_a_camera_that_hardly_fits_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:
+    words = ["--K", "150,150,100,60", "--matches", matches, *QUICK]
+    code, _, err = run("pose", pair.left, pair.right, "-o", tmp_path / "p", *words)
+    assert "the left camera has its principal point at (100, 60), 25 % of a side from the middle" in err
+    assert code != 2
+
+
 def test_json(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
     code, text, _ = run(
         "pose", pair.left, pair.right, "-o", tmp_path / "p", "--K", k, "--matches", matches, "--json", *QUICK
@@ -101,6 +139,9 @@ def test_a_guess_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) ->
         (["--K", "nan,300,200,120"], "not finite"),
         (["--K", "300,300,900,120"], "outside of the image of 400 x 240"),
         (["--K", "nothing.txt"], "is no file"),
+        (["--K", "300,300,120,200"], "fits 240 x 400 px"),
+        (["--K", "300,300,200,120,0.1,0.1,0.1"], "3 coefficients"),
+        (["--K", "300,200,300,120"], "that is 300,300,200,120"),
         (["--K2", "300,300,200,120"], "--K2 without --K"),
         (["--K", "exif"], "no focal length"),
         (["--K", "300,300,200,120", "--centers", "1"], "counted from 0.5 or from 0"),

@@ -14,6 +14,7 @@ from zpm2.model import Image, PosedCamera
 from zpm2.reconstruct import Options, reconstruct
 from zpm2.reconstruct.depth import agreed
 from zpm2.reconstruct.rectified import rectify_views
+from zpm2.reconstruct.workspace import Reconstructed
 
 pytest.importorskip("pycolmap")
 
@@ -70,6 +71,45 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "ws"
 
 
+@pytest.fixture(scope="module")
+def nested(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Photographs of one name, each in a folder of its own."""
+    folder = tmp_path_factory.mktemp("nested")
+    paths = [folder / "photos" / f"cam {k}" / "0.png" for k in range(3)]
+    for path, made in zip(paths, boards.write(folder / "flat", 3), strict=True):
+        path.parent.mkdir(parents=True)
+        made.rename(path)
+    return paths
+
+
+def test_photographs_of_one_name_keep_their_folders(nested: list[Path], tmp_path: Path) -> None:
+    known = dict(zip(("cam 0/0.png", "cam 1/0.png", "cam 2/0.png"), boards.cameras(3), strict=True))
+    made = reconstruct(nested, tmp_path / "ws", Options(max_size=240, poisson_depth=6), known)
+    assert (made.registered, made.notes) == (3, ())
+    for view, camera in zip(read_views(tmp_path / "ws"), boards.cameras(3), strict=True):
+        assert view.camera.center == pytest.approx(camera.center, abs=1e-6)
+
+
+def test_a_model_names_photographs_in_sub_folders(
+    nested: list[Path], run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def told(paths: list[Path], out: Path, options: Options, known: dict[str, PosedCamera], tell: object) -> object:
+        asked.append((paths, {name: camera.camera.focal for name, camera in known.items()}))
+        return Reconstructed(3, 3, 100, ())
+
+    monkeypatch.setattr("zpm2.reconstruct.reconstruct", told)
+    cameras = [f"{k} SIMPLE_PINHOLE 480 360 {480 + k} 240 180" for k in range(3)]
+    (tmp_path / "cameras.txt").write_text("\n".join(cameras))
+    lines = [f"{k} 1 0 0 0 {k} 0 0 {k} cam {k}/0.png\n\n" for k in range(3)]
+    (tmp_path / "images.txt").write_text("".join(lines))
+    folder = nested[0].parent.parent
+    code, _, err = run("reconstruct", folder, "--cameras", tmp_path, "-o", tmp_path / "ws")
+    assert code == 0, err
+    assert asked == [(nested, {"cam 0/0.png": 480, "cam 1/0.png": 481, "cam 2/0.png": 482})]
+
+
 def test_known_cameras_stay_and_the_surface_is_where_it_was(workspace: Path) -> None:
     views = read_views(workspace)
     for view, camera in zip(views, boards.cameras(), strict=True):
@@ -123,6 +163,8 @@ def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path) -> Non
         (["one", "--max-size", "5"], "at least 100 px"),
         (["one", "--neighbors", "0"], "at least 1"),
         (["one"], "1 photographs"),
+        (["."], "holds no photographs itself, one do"),
+        (["empty"], "holds no photographs ("),
         (["one", "--cameras", "none.npz"], "check the path"),
     ],
 )
@@ -131,6 +173,7 @@ def test_one_line_for_what_cannot_be_used(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     boards.write(tmp_path / "one", 1)
+    (tmp_path / "empty").mkdir()
     code, _, err = run("reconstruct", *words, "-o", "ws")
     assert code == 2
     assert why in err

@@ -25,6 +25,11 @@ JUMP = 1.0  # px of disparity between neighbouring pixels, beyond which the surf
 CHECK = 1.0  # px by which the disparities of both images may differ
 SPECKLE = 200  # px, smaller patches of disparity are noise
 SMOOTH = 3.0  # px, standard deviation
+TELLING, APART, AGREE = (
+    30,
+    5.0,
+    0.25,
+)  # points, px and share of points, from which a given map counts as that of the pair
 MAX_FACES = 4_000_000
 
 
@@ -60,6 +65,8 @@ def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
         raise InputError(
             f"images of a rectified pair have one size, these have {left.size} and {right.size} px: rectify it"
         )
+    if not 0 < baseline < float("inf"):
+        raise InputError(f"the baseline of a rectified pair is a length above 0, got {baseline:g}: correct it")
     a, b = left.matrix, right.matrix
     if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > 0.01 * a[0, 0]:
         raise InputError("a rectified pair has one focal length and one cy: rectify it first (zpm2 pose --rectify)")
@@ -78,7 +85,7 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
     values = {line[1]: line[2] for line in lines if line}
     for names in (("P2", "P3"), ("P_rect_02", "P_rect_03")):
         if all(name in values for name in names):
-            return _kitti(values[names[0]], values[names[1]], path, size)
+            return _kitti(values[names[0]], values[names[1]], path, _kitti_size(values, path) or size)
     try:
         own = int(values["width"]), int(values["height"])
         matrices = [
@@ -91,14 +98,25 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
         raise InputError(f"{path} is no calibration of Middlebury (cam0, cam1, baseline) or KITTI (P2, P3)") from error
 
 
-def _kitti(left: str, right: str, path: Path, size: tuple[int, int]) -> Rig:
-    """Both projections are K [I | t] in the frame of camera 0."""
+def _kitti_size(values: dict[str, str], path: Path) -> tuple[int, int] | None:
+    """px, of calib_cam_to_cam.txt; calib.txt does not say."""
+    if "S_rect_02" not in values:
+        return None
+    try:
+        width, height = (round(float(word)) for word in values["S_rect_02"].split())
+    except ValueError as error:
+        raise InputError(f"{path} has an S_rect_02 that is no width and height: download it again") from error
+    return width, height
+
+
+def _kitti(left: str, right: str, path: Path, own: tuple[int, int]) -> Rig:
+    """Both projections are K [I | t] in the frame of camera 0, for images of `own` px."""
     try:
         p, q = (np.array(words.split(), np.float64).reshape(3, 4) for words in (left, right))
     except ValueError as error:
         raise InputError(f"{path} has projections that are no 3 x 4 matrices: copy or download it again") from error
     shift = np.linalg.solve(p[:, :3], p[:, 3]) - np.linalg.solve(q[:, :3], q[:, 3])
-    cameras = [Camera(intrinsics(matrix[:, :3]), size) for matrix in (p, q)]
+    cameras = [Camera(intrinsics(matrix[:, :3]), own) for matrix in (p, q)]
     return rig_of(cameras[0], cameras[1], float(shift[0]))
 
 
@@ -170,6 +188,20 @@ def disparity_range(differences: Array, width: int) -> tuple[int, int] | Failed:
     return low, high
 
 
+def refuse_other_disparity(disparity: Disparity, left: Array, right: Array) -> None:
+    """`InputError` for a map of the left image that homologous points, (n, 2) px each, contradict: of another scale or
+    sign, or of depths."""
+    row, column = np.floor(left[:, 1]).astype(np.intp), np.floor(left[:, 0]).astype(np.intp)
+    there, seen = disparity[row, column], left[:, 0] - right[:, 0]
+    there, seen = there[np.isfinite(there)], seen[np.isfinite(there)]
+    if len(there) < TELLING or (np.abs(there - seen) < APART).mean() > AGREE:
+        return
+    raise InputError(
+        f"the disparity map does not fit the matches: it has {np.median(there):.1f} px where they have "
+        f"{np.median(seen):.1f} (medians); give its scale and sign, and a map of disparities, not of depths"
+    )
+
+
 def disparity_mesh(disparity: Disparity, rig: Rig) -> Surface:
     """The surface that a disparity map of the left image shows, in the frame of the left camera.
 
@@ -185,6 +217,11 @@ def disparity_mesh(disparity: Disparity, rig: Rig) -> Surface:
     rays = rig.left.rays(np.c_[x.ravel(), y.ravel()])
     points = np.c_[rays * z.reshape(-1, 1), z.ravel()]
     known = np.isfinite(z)
+    if np.isfinite(d).any() and not known.any():
+        raise InputError(
+            "all disparities lie behind the cameras: give the left photograph first, or with a map that stores -d "
+            "--disparity-sign -1"
+        )
     # edges of the grid that hold: to the right, down, and both diagonals
     limit = JUMP * stride
     at = np.arange(d.size).reshape(d.shape)

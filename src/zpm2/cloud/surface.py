@@ -1,6 +1,6 @@
 """A triangle mesh as the rays and the walks want it: clean, with neighbours, near the origin."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.cloud.facets import triangulate
 from zpm2.errors import InputError, MissingDependency
+from zpm2.io.meshes import read_mesh
 from zpm2.messages import Note
 from zpm2.model.brief import brief
 
@@ -99,19 +101,37 @@ class Surface:
 
     @staticmethod
     def read(path: str | Path) -> "Surface":
-        """A mesh from a PLY, OBJ, STL, GLB or OFF file (package trimesh, the extra `cloud`)."""
+        """A mesh from a PLY, OBJ, OFF, STL or GLB file (the last two: package trimesh, the extra `cloud`).
+
+        Faces of more than three corners are cut into triangles (`facets.triangulate`). `InputError` for what cannot be
+        read and for a point cloud.
+        """
         path = Path(path)
         if path.suffix.lower() not in FORMATS:
             raise InputError(f"{path}: meshes are read from {', '.join(FORMATS)} files")
         if not path.is_file():
             raise InputError(f"mesh {path} does not exist: check the path")
-        trimesh = require_trimesh()
+        notes: list[str] = []
         try:
-            mesh: Any = trimesh.load(path, force="mesh", process=False)
-            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        except Exception as error:  # trimesh's readers raise whatever their parsers do
+            if path.suffix.lower() in (".ply", ".obj", ".off"):
+                vertices, polygons = read_mesh(path)
+                faces, notes = triangulate(vertices, polygons)
+            else:
+                mesh: Any = require_trimesh().load(path, force="mesh", process=False)
+                vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces).reshape(-1, 3)
+        except MissingDependency:
+            raise
+        except Exception as error:  # the readers raise whatever their parsers do
             raise InputError(f"mesh {path} cannot be read: {' '.join(str(error).split()) or repr(error)}") from error
-        return Surface.of(vertices, faces.reshape(-1, 3), f"mesh {path}")
+        if len(faces) == 0:
+            count = len(vertices)
+            what = f"is a point cloud, {count} points without faces" if count else "has no faces"
+            raise InputError(
+                f"mesh {path} {what}: a surface is needed; make one of the points (Poisson meshing, for example), or "
+                "of the photographs with zpm2 reconstruct"
+            )
+        surface = Surface.of(vertices, faces, f"mesh {path}")
+        return replace(surface, notes=(*notes, *surface.notes))
 
 
 def require_trimesh() -> Any:

@@ -17,7 +17,8 @@ from zpm2.cloud.surface import FORMATS
 from zpm2.errors import InputError
 from zpm2.io import cameras as files
 from zpm2.io import colmap
-from zpm2.io.inputs import image_size, natural, photographs
+from zpm2.io.fit import checked, doubts
+from zpm2.io.inputs import image_size, natural, some_photographs
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
@@ -36,15 +37,19 @@ class View:
     camera: PosedCamera
 
 
-def read_views(folder: Path, images: Path | None = None, cameras: Path | None = None) -> list[View]:
+def read_views(
+    folder: Path, images: Path | None = None, cameras: Path | None = None, notes: list[str] | None = None
+) -> list[View]:
     """The photographs of a workspace with their cameras, in natural order.
 
     images, cameras: where they are, if not in the places above (cameras: a COLMAP model, an .npz, a folder of _cam.txt
-    or .camera files). `InputError` says what was looked for, or which photograph has no camera's size.
+    or .camera files). `notes` gets a sentence on photographs that are left out, as their camera is of a foreign model
+    (without `notes` that is an error), and on cameras that hardly fit. `InputError` says what was looked for, or which
+    photograph has a camera that cannot be its own.
     """
     if not folder.is_dir():
         raise InputError(f"workspace {folder} is no folder: give one with photographs, cameras and a mesh")
-    views = _read(folder, images, cameras)
+    views = _read(folder, images, cameras, notes)
     if len(views) < 2:
         raise InputError(f"workspace {folder} has {len(views)} photographs with a camera: a polygon cloud needs two")
     for view in views:
@@ -54,7 +59,17 @@ def read_views(folder: Path, images: Path | None = None, cameras: Path | None = 
                 f"{view.path} has {have[0]} x {have[1]} px, its camera {want[0]} x {want[1]} px: give the photographs "
                 "that the cameras belong to (--images)"
             )
+        checked(view.camera.camera, f"the camera of {view.name}", str(view.path))
+    if notes is not None:
+        notes += _odd(views)
     return views
+
+
+def _odd(views: list[View]) -> list[str]:
+    """What is odd about the cameras: of the first that is, and how many more are."""
+    said = [found for view in views if (found := doubts(view.camera.camera, f"the camera of {view.name}"))]
+    more = f" (and {len(said) - 1} more cameras)" if len(said) > 1 else ""
+    return [text + more for text in said[0]] if said else []
 
 
 def find_mesh(folder: Path) -> Path:
@@ -72,21 +87,21 @@ def find_mesh(folder: Path) -> Path:
     raise InputError(f"looked for {', '.join(MESHES)} or another mesh in {folder}, not there: give one with --mesh")
 
 
-def _read(folder: Path, images: Path | None, cameras: Path | None) -> list[View]:
+def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[View]:
     pictures = images or next((folder / name for name in IMAGES if (folder / name).is_dir()), folder)
     if not pictures.is_dir():
         raise InputError(f"{pictures} is no folder: give the one with the photographs (--images)")
     if cameras is None:
         cameras = _find_cameras(folder, pictures)
     if cameras.suffix.lower() == ".npz":
-        return _idr(cameras, photographs(pictures))
+        return _idr(cameras, some_photographs(pictures))
     if not cameras.is_dir():
         raise InputError(f"cameras {cameras} are no folder or .npz file: check the path")
     if any(cameras.glob("*_cam.txt")):
-        return _each(photographs(pictures), lambda p: cameras / f"{p.stem}_cam.txt", files.mvsnet)
+        return _each(some_photographs(pictures), lambda p: cameras / f"{p.stem}_cam.txt", files.mvsnet)
     if any(cameras.glob("*.camera")):
-        return _each(photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
-    posed = colmap.read_poses(cameras)
+        return _each(some_photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
+    posed = colmap.read_poses(cameras, notes)
     views = [View(name, pictures / name, camera) for name, camera in posed.items()]
     missing = [view.path for view in views if not view.path.is_file()]
     if missing:

@@ -20,7 +20,7 @@ from zpm2.errors import InputError
 from zpm2.evaluate.cells import Cells, Rows, to_cells
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth, Truth
 from zpm2.geometry import project
-from zpm2.io.maps import read_map
+from zpm2.io.maps import read_disparity, read_map
 from zpm2.model import Polygon, PolygonArrays
 
 MIN_POINTS = 20  # co-visible points in either polygon, below which a pair cannot be judged
@@ -59,7 +59,7 @@ def covisible(truth: Truth, left_size: tuple[int, int], right_size: tuple[int, i
     nothing about single points (a pose without depth).
     """
     if isinstance(truth, DisparityTruth):
-        return from_disparity(read_map(truth.file, left_size, truth.scale), right_size)
+        return from_disparity(read_disparity(truth.file, left_size, truth.scale, truth.sign), right_size)
     if isinstance(truth, DepthTruth):
         depth, other = truth.files
         right_depth = None if other is None else _depth(other, right_size, truth.scale)
@@ -85,14 +85,17 @@ def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, 
     """Co-visible points of a rectified pair: left (x, y) is right (x - d, y).
 
     disparity: (h, w) px of the left image, not finite where unknown. A point is hidden if another one in the same pixel
-    of the right image has a disparity that is greater by more than 1 px.
+    of the right image has a disparity that is greater by more than 1 px, or smaller where disparities are negative (the
+    right photograph comes first).
     """
+    below, above = np.count_nonzero(disparity < 0), np.count_nonzero(disparity > 0)
+    toward = -1.0 if below > above else 1.0  # the sign of disparities of what is near
 
     def carry(rows: slice) -> _Carried:
         left, d = _known(disparity, rows)
         right = left.copy()
         right[:, 0] -= d
-        return left, right, d
+        return left, right, toward * d
 
     return _unhidden(carry, disparity.shape, right_size, lambda near, nearest: near >= nearest - OCCLUSION_DISPARITY)
 

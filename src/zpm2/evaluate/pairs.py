@@ -16,10 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DisparityTruth:
-    """A rectified pair: left (x, y) is right (x - d, y)."""
+    """A rectified pair: left (x, y) is right (x - d, y). d is negative where the right photograph is the first one."""
 
-    file: Path  # .pfm (its sign does not matter), .png or .npy; d = value / scale; 0, inf and NaN are unknown
+    file: Path  # .pfm, .png or .npy; d = sign * value / scale; 0, inf and NaN are unknown
     scale: float = 1.0
+    sign: int = 1  # -1: the file stores -d; 0: it stores either, and d is positive (SceneFlow)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,20 @@
 """COLMAP's files: cameras and poses in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
 
-from collections.abc import Callable
-from pathlib import Path
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from zpm2.errors import InputError, MissingDependency
+from zpm2.io.inputs import text
 from zpm2.model import Camera, PosedCamera
+
+Array = NDArray[np.float64]
 
 # COLMAP's parameters -> fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 (https://colmap.github.io/cameras.html)
 _MODELS: dict[str, Callable[..., tuple[float, ...]]] = {
@@ -58,93 +64,155 @@ def to_pycolmap(camera: Camera, key: int) -> Any:
     return made
 
 
-def read_cameras(path: Path) -> dict[str, Camera]:
-    """The cameras of a model (its folder, cameras.txt or cameras.bin) by image file name; by id where it has no images.
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What the files of a model say. A camera is understood when it is asked for: a foreign one bars no other."""
 
-    Text needs nothing, binary files need pycolmap.
-    """
-    folder = path if path.is_dir() else path.parent
-    if path.name != "cameras.bin" and (folder / "cameras.txt").is_file():
-        return _from_text(folder)
-    if not (folder / "cameras.bin").is_file():
-        raise InputError(f"{folder} has no cameras.txt or cameras.bin: give the folder of a COLMAP model")
-    model, cameras = _from_binary(folder)
-    named = {Path(image.name).name: cameras[image.camera_id] for image in model.images.values()}
-    return named or {str(key): c for key, c in cameras.items()}
+    folder: Path
+    cameras: dict[int, tuple[str, tuple[int, int], tuple[float, ...]]]  # id -> model, size, parameters
+    images: dict[str, tuple[int, Array, Array]]  # name with its sub-folder -> id of its camera, R (3, 3), t (3,)
+
+    def camera(self, key: int) -> Camera:
+        """`InputError` for a camera that the model lacks, and for a foreign one."""
+        if key not in self.cameras:
+            raise InputError(f"{self.folder} has images of camera {key}, and no such camera: export the model again")
+        return camera(*self.cameras[key], f"camera {key} of {self.folder}")
 
 
-def read_poses(folder: Path) -> dict[str, PosedCamera]:
+class Cameras(Mapping[str, Camera]):
+    """The cameras of a model by the names of its images, with their sub-folders; by id where it has no images."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self.keys_of = {name: key for name, (key, _, _) in model.images.items()} or {str(k): k for k in model.cameras}
+
+    def __getitem__(self, name: str) -> Camera:
+        return self._model.camera(self.keys_of[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys_of)
+
+    def __len__(self) -> int:
+        return len(self.keys_of)
+
+
+def read_cameras(path: Path) -> Cameras:
+    """The cameras of a model (its folder, cameras.txt or cameras.bin)."""
+    return Cameras(read_model(path if path.is_dir() else path.parent, binary=path.name == "cameras.bin"))
+
+
+def camera_of(cameras: Cameras, image: str | Path, what: str) -> Camera:
+    """The camera of an image file: of the image whose name, with the most of its sub-folders, ends the file's path;
+    else of the only image of this file name; else the only camera. `InputError`, which calls the model `what`, where
+    that leaves a choice."""
+    parts = Path(os.path.abspath(image)).parts
+    named = [name for name in cameras if PurePosixPath(name).name == parts[-1]]
+    ends = [name for name in named if parts[-len(PurePosixPath(name).parts) :] == PurePosixPath(name).parts]
+    chosen = [max(ends, key=lambda name: len(PurePosixPath(name).parts))] if ends else named or list(cameras)
+    keys = {cameras.keys_of[name] for name in chosen}
+    if len(keys) == 1:
+        return cameras[chosen[0]]
+    if named:
+        raise InputError(f"{what} has images {', '.join(named)}, and {image} is none of them: give it from its folder")
+    raise InputError(
+        f"{what} has no image '{parts[-1]}' and more than one camera: give numbers or a matrix, or the image by the "
+        "name that it has there"
+    )
+
+
+def read_poses(folder: Path, notes: list[str] | None = None) -> dict[str, PosedCamera]:
     """The registered images of a model by name, as the model has it (with its sub-folder), in the order of their names.
 
-    Text needs nothing, binary files need pycolmap. `InputError` for what is no model, and for one without images.
+    `InputError` for what is no model, for one without images, and for a foreign camera; with `notes`, its images are
+    left out, and a note says so.
     """
-    if (folder / "images.txt").is_file():
-        posed = _poses_from_text(folder)
-    elif (folder / "images.bin").is_file():
-        model, cameras = _from_binary(folder)
-        posed = {}
-        for image in model.images.values():
-            pose = image.cam_from_world()
-            turn, shift = np.asarray(pose.rotation.matrix()), np.asarray(pose.translation)
-            posed[image.name] = PosedCamera(cameras[image.camera_id], turn, shift)
-    else:
-        raise InputError(f"{folder} has no images.txt or images.bin: give the folder of a COLMAP model")
-    if not posed:
+    model = read_model(folder)
+    if not model.images:
         raise InputError(f"the COLMAP model {folder} has no registered image: reconstruct it again")
-    return dict(sorted(posed.items()))
-
-
-def _from_binary(folder: Path) -> tuple[Any, dict[int, Camera]]:
-    pycolmap = require_pycolmap()
-    try:
-        model = pycolmap.Reconstruction(str(folder))
-    except (ValueError, RuntimeError, OSError) as error:
-        raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}") from error
-    return model, {
-        key: camera(c.model_name, (c.width, c.height), c.params, f"camera {key} of {folder}")
-        for key, c in model.cameras.items()
-    }
-
-
-def _from_text(folder: Path) -> dict[str, Camera]:
-    try:
-        cameras = _cameras_from_text(folder)
-        if not (folder / "images.txt").is_file():
-            return cameras
-        named = {Path(words[9].strip()).name: cameras[words[8]] for words in _image_lines(folder)}
-    except (OSError, ValueError, LookupError) as error:
-        raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
-    return named or cameras
-
-
-def _poses_from_text(folder: Path) -> dict[str, PosedCamera]:
-    posed = {}
-    try:
-        cameras = _cameras_from_text(folder)
-        for words in _image_lines(folder):
-            w, x, y, z, *shift = (float(word) for word in words[1:8])
-            turn = Rotation.from_quat([x, y, z, w]).as_matrix()
-            posed[words[9].strip()] = PosedCamera(cameras[words[8]], turn, np.array(shift))
-    except (OSError, ValueError, LookupError) as error:
-        raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
+    posed, foreign = {}, list[str]()
+    for name, (key, turn, shift) in sorted(model.images.items()):
+        if notes is not None and key in model.cameras and model.cameras[key][0] not in _MODELS:
+            foreign.append(name)
+        else:
+            posed[name] = PosedCamera(model.camera(key), turn, shift)
+    if notes is not None and foreign:
+        models = ", ".join(sorted({model.cameras[model.images[name][0]][0] for name in foreign}))
+        notes.append(
+            f"{len(foreign)} of {len(model.images)} photographs have a camera of model {models} and are left out: "
+            "undistort them with COLMAP to use them"
+        )
     return posed
 
 
-def _cameras_from_text(folder: Path) -> dict[str, Camera]:
-    found: dict[str, Camera] = {}
-    for key, model, width, height, *parameters in _lines(folder / "cameras.txt"):
-        found[key] = camera(model, (int(width), int(height)), parameters, f"camera {key} of {folder}")
+def read_model(folder: Path, binary: bool = False) -> Model:
+    """The model in a folder: text, which needs nothing, else binary files, which need pycolmap.
+
+    Text is read here wherever it is: pycolmap ends names at the first space, leaves out a last image without a line of
+    points, and wants points3D. `InputError` for what is no model.
+    """
+    if (folder / "cameras.txt").is_file() and not binary:
+        return _from_text(folder)
+    if (folder / "cameras.bin").is_file():
+        return _from_binary(folder)
+    raise InputError(f"{folder} has no cameras.txt or cameras.bin: give the folder of a COLMAP model")
+
+
+def _from_binary(folder: Path) -> Model:
+    pycolmap = require_pycolmap()
+    try:
+        model = pycolmap.Reconstruction()
+        model.read_binary(str(folder))
+    except (ValueError, RuntimeError, OSError, LookupError) as error:
+        raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}") from error
+    images = {}
+    for image in model.images.values():
+        if image.has_pose:
+            pose = image.cam_from_world()
+            turn, shift = np.asarray(pose.rotation.matrix()), np.asarray(pose.translation)
+            images[image.name] = image.camera_id, turn, shift
+    cameras = {key: (c.model_name, (c.width, c.height), tuple(c.params)) for key, c in model.cameras.items()}
+    return Model(folder, cameras, images)
+
+
+def _from_text(folder: Path) -> Model:
+    cameras, images = {}, {}
+    try:
+        for key, kind, width, height, *parameters in _camera_lines(folder / "cameras.txt"):
+            cameras[int(key)] = kind, (int(width), int(height)), tuple(float(word) for word in parameters)
+        for words in _image_lines(folder / "images.txt"):
+            w, x, y, z, *shift = (float(word) for word in words[1:8])
+            images[words[9].rstrip()] = int(words[8]), Rotation.from_quat([x, y, z, w]).as_matrix(), np.array(shift)
+    except (ValueError, LookupError) as error:
+        raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
+    return Model(folder, cameras, images)
+
+
+def _camera_lines(path: Path) -> list[list[str]]:
+    return [line.split() for line in text(path).split("\n") if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _image_lines(path: Path) -> list[list[str]]:
+    """The words of each image: id, qw, qx, qy, qz, tx, ty, tz, camera, name (to the end of its line, with its spaces).
+
+    The line after it holds its points, x y id and so on, and may be empty; any other line may be empty or a comment.
+    """
+    found: list[list[str]] = []
+    after_image = False
+    for line in text(path).split("\n") if path.is_file() else ():
+        if line.lstrip().startswith("#"):
+            continue
+        if after_image and _are_points(line):
+            after_image = False
+        elif line.strip():
+            found.append(line.split(maxsplit=9))
+            after_image = True
     return found
 
 
-def _image_lines(folder: Path) -> list[list[str]]:
-    """The words of each image: id, qw, qx, qy, qz, tx, ty, tz, camera, name."""
-    # every second line holds the points of the image before it, and may be empty
-    lines = (folder / "images.txt").read_text(encoding="utf-8").splitlines()
-    lines = [line for line in lines if not line.startswith("#")]
-    return [line.split(maxsplit=9) for line in lines[::2] if line.strip()]
-
-
-def _lines(path: Path) -> list[list[str]]:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [line.split() for line in lines if line.strip() and not line.startswith("#")]
+def _are_points(line: str) -> bool:
+    words = line.split()
+    try:
+        [float(word) for word in words[:12]]  # where a name would be among them
+    except ValueError:
+        return False
+    return len(words) % 3 == 0

@@ -1,6 +1,7 @@
 """What readers of many files share: files that must be there, folders in a fixed order, small text files."""
 
 import json
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,6 +32,33 @@ def photographs(folder: Path, suffixes: Sequence[str] = PHOTOGRAPHS) -> list[Pat
     """The photographs of a folder in natural order, hidden files left out. `InputError` where the folder is missing."""
     found = (path for path in existing(folder).iterdir() if path.suffix.lower() in suffixes and path.name[0] != ".")
     return sorted(found, key=natural)
+
+
+def some_photographs(folder: Path) -> list[Path]:
+    """The photographs of a folder; `InputError` where there are none, which says in which sub-folders some are."""
+    found = photographs(folder)
+    if found:
+        return found
+    inside = [path for path in folder.rglob("*") if path.suffix.lower() in PHOTOGRAPHS and path.is_file()]
+    hidden = {path for path in inside if any(part[0] == "." for part in path.relative_to(folder).parts)}
+    places = sorted({path.parent for path in set(inside) - hidden})
+    if not places:
+        raise InputError(f"{folder} holds no photographs ({', '.join(PHOTOGRAPHS)}): give the folder that does")
+    named = f"{places[0]}" + (f" and {len(places) - 1} more sub-folders" if len(places) > 1 else "")
+    raise InputError(
+        f"{folder} holds no photographs itself, {named} do: give one of these folders, the photographs one by one, or "
+        "with --cameras a COLMAP model that names them with their sub-folders"
+    )
+
+
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """A name for each of some files: its own, or where two are called the same, that below the folder of all."""
+    names = [path.name for path in paths]
+    if len(set(names)) == len(names):
+        return names
+    whole = [Path(os.path.abspath(path)) for path in paths]
+    common = os.path.commonpath([path.parent for path in whole])
+    return [path.relative_to(common).as_posix() for path in whole]
 
 
 def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:

@@ -21,7 +21,7 @@ class Camera:
 
     matrix: Array  # (3, 3) K, px of the original image, pixel centres at +0.5
     size: tuple[int, int]  # (width, height) of the image, px
-    distortion: Array = field(default_factory=lambda: np.zeros(0))  # k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty: none
+    distortion: Array = field(default_factory=lambda: np.zeros(0))  # k1 [k2 [p1 p2 [k3 [k4 k5 k6]]]]; empty: none
     source: Source = "given"  # where the focal length comes from
 
     __repr__ = brief
@@ -30,6 +30,11 @@ class Camera:
     def focal(self) -> float:
         """px, the mean of both axes."""
         return float(self.matrix[[0, 1], [0, 1]].mean())
+
+    @property
+    def coefficients(self) -> Array:
+        """The distortion as OpenCV wants it: 4, 5 or 8 numbers."""
+        return np.r_[self.distortion, np.zeros(max(0, 4 - len(self.distortion)))]
 
     def rays(self, points: Array) -> Array:
         """(n, 2) image px -> (n, 2) x / z, y / z in the camera's frame, without distortion."""
@@ -41,7 +46,7 @@ class Camera:
         straight = undistort(
             np.ascontiguousarray(points)[:, None],
             self.matrix,
-            self.distortion,
+            self.coefficients,
             R=np.eye(3),
             P=np.eye(3),
             criteria=_FINE,
@@ -55,7 +60,7 @@ class Camera:
         if not self.distortion.any():
             return np.asarray(rays @ self.matrix[:2, :2].T + self.matrix[:2, 2])
         space = np.c_[rays, np.ones(len(rays))]
-        bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
         return np.asarray(bent[:, 0], np.float64)
 
     def to_dict(self) -> dict[str, Any]:

@@ -10,7 +10,9 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed, InputError
-from zpm2.io.colmap import read_cameras
+from zpm2.io.colmap import camera_of, read_cameras
+from zpm2.io.fit import OFF_CENTRE, ON_CENTRE, checked, fitting_size, off_centre
+from zpm2.io.inputs import text as text_of
 from zpm2.model import Camera
 from zpm2.model.camera import Source
 
@@ -19,22 +21,25 @@ Size = tuple[int, int]  # width, height, px
 
 GUESS = 1.2  # focal length over the longer side, where it is guessed: COLMAP's default, a field of view of 45 degrees
 FULL_FRAME = 43.266615  # mm, diagonal of 36 x 24 mm, to which "35 mm equivalent" refers (CIPA DCG-001)
-OFF_CENTRE, ON_CENTRE = 0.15, 0.08  # of a side, a principal point that speaks against and for an image
 EXIF_IFD, MODEL, UNITS = 0x8769, 0x0110, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # mm per unit of resolution
-FOCAL, FOCAL_35, PLANE_X, PLANE_UNIT, WIDTH = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002
+FOCAL, FOCAL_35, PLANE_X, PLANE_UNIT, WIDTH, HEIGHT = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002, 0xA003
+SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of a matrix by its numbers
+OTHER_ORDERS = {"fx,cx,fy,cy": (0, 2, 1, 3), "cx,cy,fx,fy": (2, 3, 0, 1)}  # and where our four are in them
+SQUARE = 0.05  # by which two focal lengths of square pixels may differ
 
 
 def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, name: str = "K") -> Camera:
-    """The camera that `text` describes, for an image of `size` px.
+    """The camera that `text` describes, for an image of `size` px as its file stores them (no EXIF orientation).
 
-    text: "fx,fy,cx,cy" and up to eight coefficients of distortion (k1,k2,p1,p2[,k3[,k4,k5,k6]]); a file with a matrix
-        (3 x 3 as text or .npy; JSON with "matrix" and maybe "distortion"); a COLMAP model (its folder, cameras.txt or
-        cameras.bin); "exif"; or "guess", a focal length of 1.2 times the longer side.
+    text: "fx,fy,cx,cy" and the coefficients of distortion that there are (k1[,k2[,p1,p2[,k3[,k4,k5,k6]]]]); a file with
+        a matrix (3 x 3, or 3 x 4 or 4 x 4 with it in the corner, as text or .npy; JSON with "matrix" and maybe
+        "distortion", "width", "height"); a COLMAP model (its folder, cameras.txt or cameras.bin); "exif"; or "guess", a
+        focal length of 1.2 times the longer side.
     centers: where the numbers or the matrix have the centre of the first pixel, 0.5 or 0 (OpenCV). COLMAP has 0.5.
 
-    `InputError` says what is wrong, and calls the camera `name`.
+    `InputError` says what is wrong, and calls the camera `name`: among others where it fits another size or the image
+    as its EXIF orientation shows it.
     """
-    words = [word.strip() for word in text.split(",")]
     if text in ("exif", "guess"):
         found = from_exif(image, size) if text == "exif" else guess(size)
         if isinstance(found, Failed):
@@ -42,13 +47,16 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         return found
     path = Path(text)
     if path.is_dir() or path.name in ("cameras.txt", "cameras.bin"):
-        return checked(_from_colmap(path, image, size, name), name)
-    values = _numbers(words)
+        named = camera_of(read_cameras(path), image, f"--{name} {path}")
+        return checked(fitting_size(named, size, f"{name} of {path}", str(image)), name, str(image))
+    values = _numbers(text.split(","))
+    made_for = size
     if values is not None and len(values) >= 4:
         fx, fy, cx, cy = values[:4]
         matrix, distortion = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), values[4:]
+        _refuse_other_order(values[:4], size, name)
     elif path.is_file():
-        matrix, distortion = _from_file(path, name)
+        matrix, distortion, made_for = _from_file(path, name, size)
     else:
         raise InputError(
             f"--{name} '{text}' is no file and not fx,fy,cx,cy; give numbers in px, a matrix file, a COLMAP model, "
@@ -56,30 +64,8 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         )
     if np.shape(matrix) == (3, 3):
         matrix = matrix + np.array([[0, 0, 0.5 - centers], [0, 0, 0.5 - centers], [0, 0, 0]])
-    return checked(Camera(np.asarray(matrix), size, np.asarray(distortion)), name)
-
-
-def checked(camera: Camera, name: str = "K") -> Camera:
-    """The same camera; `InputError` if it cannot be one of an image of its size."""
-    k, (width, height) = camera.matrix, camera.size
-    if k.shape != (3, 3):
-        raise InputError(f"{name} has shape {' x '.join(map(str, k.shape))}: expected a 3 x 3 matrix")
-    if not np.isfinite(k).all() or not np.isfinite(camera.distortion).all():
-        raise InputError(f"{name} has values that are not finite: {_flat(k)}; correct it")
-    if not (k[0, 0] > 0 and k[1, 1] > 0):
-        raise InputError(f"{name} has focal lengths {k[0, 0]:g} and {k[1, 1]:g} px: they must be positive")
-    if k[1, 0] or k[2].tolist() != [0, 0, 1]:
-        raise InputError(f"{name} must be [fx s cx; 0 fy cy; 0 0 1] in px, got {_flat(k)}")
-    if len(camera.distortion) not in (0, 2, 4, 5, 8):
-        raise InputError(f"{name} has {len(camera.distortion)} coefficients of distortion: 2, 4, 5 or 8 are known")
-    if not (0 < k[0, 2] < width and 0 < k[1, 2] < height):
-        raise InputError(
-            f"{name} has its principal point at ({k[0, 2]:g}, {k[1, 2]:g}), outside of the image of {width} x {height} "
-            "px: was it made for another size, or are the two cameras swapped?"
-        )
-    if not width / 50 < k[0, 0] < 200 * width:
-        raise InputError(f"{name} has a focal length of {k[0, 0]:g} px for a width of {width} px: it must be in px")
-    return camera
+    camera = Camera(np.asarray(matrix), made_for, np.asarray(distortion))
+    return checked(fitting_size(camera, size, f"{name} of {path}", str(image)), name, str(image))
 
 
 def refuse_swapped(cameras: tuple[Camera, Camera]) -> None:
@@ -87,8 +73,8 @@ def refuse_swapped(cameras: tuple[Camera, Camera]) -> None:
     (a, b), sizes = cameras, (cameras[0].size, cameras[1].size)
     if sizes[0] == sizes[1]:
         return
-    mine = [_off_centre(c, s) for c, s in zip((a, b), sizes, strict=True)]
-    other = [_off_centre(c, s) for c, s in zip((b, a), sizes, strict=True)]
+    mine = [off_centre(c, s) for c, s in zip((a, b), sizes, strict=True)]
+    other = [off_centre(c, s) for c, s in zip((b, a), sizes, strict=True)]
     if max(mine) > OFF_CENTRE and max(other) < ON_CENTRE:
         raise InputError("K and K2 seem to be swapped: each principal point is the centre of the other image")
 
@@ -115,8 +101,10 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
         return centred(equivalent / FULL_FRAME * diagonal, size, "exif")
     focal, resolution = _positive(values.get(FOCAL)), _positive(values.get(PLANE_X))
     if focal is not None and resolution is not None and values.get(PLANE_UNIT) in UNITS:
-        stored = _positive(values.get(WIDTH)) or size[0]
-        return centred(focal * resolution / UNITS[values[PLANE_UNIT]] * size[0] / stored, size, "exif")
+        width, height = (_positive(values.get(tag)) for tag in (WIDTH, HEIGHT))
+        # by the longer sides, as programs that turn a photograph exchange its sides here or not
+        shrunk = max(size) / max(width, height) if width and height else size[0] / (width or size[0])
+        return centred(focal * resolution / UNITS[values[PLANE_UNIT]] * shrunk, size, "exif")
     if focal is not None and (found := _from_sensor_table(image, size)) is not None:
         return found
     known = f"focal length {focal:g} mm without the size of the sensor" if focal else "no focal length"
@@ -132,54 +120,53 @@ def _from_sensor_table(image: str | Path, size: Size) -> Camera | None:
     return centred(camera.mean_focal_length(), size, "exif") if camera.has_prior_focal_length else None
 
 
-def _from_colmap(path: Path, image: str | Path, size: Size, name: str) -> Camera:
-    cameras = read_cameras(path)
-    file = Path(image).name
-    if file in cameras:
-        camera = cameras[file]
-    elif len({id(c) for c in cameras.values()}) == 1:
-        camera = next(iter(cameras.values()))
-    else:
-        raise InputError(f"{path} has no image '{file}' and more than one camera: give --{name} as numbers or a matrix")
-    if camera.size != size:
-        raise InputError(
-            f"{name} of {path} is for an image of {camera.size[0]} x {camera.size[1]} px, {file} has {size[0]} x "
-            f"{size[1]} px: give the camera of this size"
-        )
-    return camera
+def _refuse_other_order(values: Array, size: Size, name: str) -> None:
+    """`InputError` where the four numbers make a camera in another order and none in ours."""
+
+    def plausible(order: Sequence[int]) -> bool:
+        fx, fy, cx, cy = values[list(order)]
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        square = fx > 0 and fy > 0 and abs(fx / fy - 1) < SQUARE
+        return square and off_centre(Camera(matrix, size), size) < ON_CENTRE
+
+    if np.isfinite(values).all() and not plausible(range(4)):
+        for words, order in OTHER_ORDERS.items():
+            if plausible(order):
+                right = ",".join(f"{value:g}" for value in values[list(order)])
+                raise InputError(f"--{name} has the order {words}: give fx,fy,cx,cy, that is {right}")
 
 
-def _from_file(path: Path, name: str) -> tuple[Array, Array]:
-    """The matrix of a file, of whatever shape, and the coefficients of distortion beside it."""
+def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
+    """The matrix of a file, the coefficients of distortion beside it, and the size it was made for: `size`, where the
+    file does not say."""
+    distortion = np.zeros(0)
     try:
         if path.suffix.lower() == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False), np.float64), np.zeros(0)
-        text = path.read_text(encoding="utf-8")
-        if path.suffix.lower() == ".json":
-            values = json.loads(text)
-            return np.array(values["matrix"], np.float64), np.array(values.get("distortion", ()), np.float64).ravel()
-        rows = [[float(word) for word in line.replace(",", " ").split()] for line in text.splitlines() if line.strip()]
-        flat = np.array([value for row in rows for value in row])
+            matrix = np.asarray(np.load(path, allow_pickle=False), np.float64)
+        elif path.suffix.lower() == ".json":
+            values = json.loads(text_of(path))
+            matrix = np.array(values["matrix"], np.float64)
+            distortion = np.array(values.get("distortion", ()), np.float64).ravel()
+            size = int(values.get("width", size[0])), int(values.get("height", size[1]))
+        else:
+            lines = (line.partition("#")[0].replace(",", " ").split() for line in text_of(path).splitlines())
+            flat = np.array([float(word) for words in lines for word in words])
+            if len(flat) not in SHAPES:
+                raise InputError(f"--{name} {path} holds {len(flat)} numbers: expected a 3 x 3 matrix")
+            matrix = flat.reshape(SHAPES[len(flat)])
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"--{name} {path} holds no camera matrix ({error!r}): give 3 x 3 numbers in px") from error
-    if len(flat) == 9:
-        return flat.reshape(3, 3), np.zeros(0)
-    if len(flat) in (12, 16) and len(rows) in (3, 4):
-        return flat.reshape(len(rows), -1)[:3, :3], np.zeros(0)
-    raise InputError(f"--{name} {path} holds {len(flat)} numbers: expected a 3 x 3 matrix")
+    if matrix.shape in ((3, 4), (4, 4)) and matrix[2, :3].tolist() == [0, 0, 1] and not matrix[1, 0]:
+        matrix = matrix[:3, :3]  # K with nothing beside it, or the projection of a camera that is not turned
+    return matrix, distortion, size
 
 
 def centred(focal: float, size: Size, source: Source) -> Camera:
     """A camera with square pixels and its principal point in the middle of the image."""
     matrix = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
     return Camera(matrix, size, source=source)
-
-
-def _off_centre(camera: Camera, size: Size) -> float:
-    """How far the principal point is from the middle of an image of `size`, as a share of its side."""
-    return float(np.abs(camera.matrix[:2, 2] / np.array(size) - 0.5).max())
 
 
 def _numbers(words: Sequence[str]) -> Array | None:
@@ -195,7 +182,3 @@ def _positive(value: Any) -> float | None:
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     return number if 0 < number < float("inf") else None
-
-
-def _flat(matrix: Array) -> str:
-    return "[" + "; ".join(" ".join(f"{value:g}" for value in row) for row in matrix) + "]"

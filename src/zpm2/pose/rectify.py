@@ -116,7 +116,7 @@ def _seen(camera: Camera, turn: Array, points: Array) -> Array:
 def _drawn(image: Image, original: Camera, turn: Array, camera: Camera) -> Image:
     to_opencv = np.linalg.inv(geometry.HALF_PIXEL)
     maps = cv2.initUndistortRectifyMap(
-        to_opencv @ original.matrix, original.distortion, turn, to_opencv @ camera.matrix, camera.size, cv2.CV_32FC1
+        to_opencv @ original.matrix, original.coefficients, turn, to_opencv @ camera.matrix, camera.size, cv2.CV_32FC1
     )
     return Image(np.asarray(cv2.remap(image.rgb, *maps, cv2.INTER_LINEAR), np.uint8))
 

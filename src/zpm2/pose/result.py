@@ -15,6 +15,7 @@ from zpm2 import geometry
 from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
 from zpm2.io.files import atomic_write, claim
+from zpm2.io.fit import doubts
 from zpm2.model import Camera
 from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
@@ -129,6 +130,9 @@ class PoseResult:
     def all_warnings(self) -> list[str]:
         """Everything that a reader of the pose should know, in sentences."""
         said = list(self.warnings)
+        if not isinstance(self.cameras, Failed):
+            for side, camera in zip(("left", "right"), self.cameras, strict=True):
+                said += doubts(camera, f"the {side} camera")
         if isinstance(self.pose, Failed):
             return [*said, f"no pose: {self.pose}"]
         said += [f"{name}: {MEANING[name]}" for name in self.pose.flags]

@@ -11,6 +11,7 @@ from typing import Any
 from zpm2.errors import InputError
 from zpm2.io.colmap import require_pycolmap
 from zpm2.io.files import atomic_write, claim
+from zpm2.io.inputs import distinct_names
 from zpm2.io.keys import code, stamp
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
@@ -51,15 +52,18 @@ def reconstruct(
 ) -> Reconstructed:
     """Reconstruct a workspace from photographs, or go on where an earlier run of the same was interrupted.
 
-    known: cameras by file name, if they are known. Structure from motion, undistortion, fusion and Poisson meshing are
-    COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there, else
-    semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the photographs
-    do not hang together, or the workspace is another reconstruction's; `OutputError` where something in it that is no
-    reconstruction's has one of its names. Photographs that lie in the workspace's own images/ are used where they are.
+    Photographs of one name in two folders keep their sub-folders (`io.inputs.distinct_names`); those that lie in the
+    workspace's own images/ are used where they are.
+
+    known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing
+    are COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there,
+    else semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the
+    photographs do not hang together, or the workspace is another reconstruction's; `OutputError` where something in it
+    that is no reconstruction's has one of its names.
     """
     pycolmap = require_pycolmap()
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR
-    names = [path.name for path in photographs]
+    names = distinct_names(photographs)
     if len(names) < 2 or len(set(names)) < len(names):
         raise InputError(
             f"there are {len(names)} photographs with {len(set(names))} names: give at least two, all named differently"
@@ -67,7 +71,7 @@ def reconstruct(
     _claim(workspace, photographs, options, known)
     images = workspace / IMAGES
     if not _in_place(photographs, images):
-        _link(photographs, made_folder(images))
+        _link(photographs, names, made_folder(images))
     tell("structure", 0.0)
     model = find_structure(images, names, workspace, known, options.ordered)
     tell("structure", 1.0)
@@ -115,7 +119,7 @@ def _claim(
     """Makes a folder the workspace of these photographs, or goes on in it."""
     file = claim(workspace, claimed_names(workspace, photographs)) / CLAIM
     mine = {
-        "photographs": {path.name: stamp(path) for path in photographs},
+        "photographs": {name: stamp(path) for name, path in zip(distinct_names(photographs), photographs, strict=True)},
         "options": asdict(options),
         "cameras": None if known is None else {name: _values(camera) for name, camera in known.items()},
         "code": code(),
@@ -134,19 +138,23 @@ def _values(posed: PosedCamera) -> list[Any]:
 
 
 def _in_place(photographs: Sequence[Path], images: Path) -> bool:
-    return all(path.resolve().parent == images.resolve() for path in photographs)
+    names = distinct_names(photographs)
+    return all(path.resolve() == (images / name).resolve() for path, name in zip(photographs, names, strict=True))
 
 
-def _link(photographs: Sequence[Path], folder: Path) -> None:
+def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> None:
     """The photographs in the workspace: hard links, copies where the file system has none."""
-    for path in photographs:
-        if not (folder / path.name).exists():
+    for path, name in zip(photographs, names, strict=True):
+        target = folder / name
+        for parent in reversed(Path(name).parents[:-1]):
+            made_folder(folder / parent)
+        if not target.exists():
             try:
-                os.link(path.resolve(), folder / path.name)
+                os.link(path.resolve(), target)
             except OSError:
                 with scratch(folder) as part:
-                    shutil.copyfile(path, part / path.name)
-                    put(part / path.name, folder / path.name)
+                    shutil.copyfile(path, part / "photograph")
+                    put(part / "photograph", target)
 
 
 def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, float], None]) -> list[str]:
@@ -159,7 +167,7 @@ def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, fl
 
 
 def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
-    views = sum(1 for _ in (dense / "stereo" / "depth_maps").glob("*.geometric.bin"))
+    views = sum(1 for _ in (dense / "stereo" / "depth_maps").rglob("*.geometric.bin"))
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels = min(3, views)
     if not pycolmap.has_cuda:

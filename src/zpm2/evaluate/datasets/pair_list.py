@@ -34,13 +34,13 @@ def from_json(root: Path, split: str | None) -> Iterator[EvalPair]:
 
 
 def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
-    """The rows of `pairs.csv` (split: of `SPLIT.csv`), in its order; columns left, right[, disparity, scale, name]."""
+    """The rows of `pairs.csv` (split: of `SPLIT.csv`), in its order: left, right[, disparity, scale, sign, name]."""
     path = root / f"{split or 'pairs'}.csv"
     table = csv.DictReader(io.StringIO(text(path), newline=""), skipinitialspace=True)
-    known = ("left", "right", "disparity", "scale", "name")
+    known = ("left", "right", "disparity", "scale", "sign", "name")
     columns = table.fieldnames or ()
     if not {"left", "right"} <= set(columns) or not set(columns) <= set(known):
-        raise InputError(f"{path} has the columns {','.join(columns)}: write left,right[,disparity,scale,name]")
+        raise InputError(f"{path} has the columns {','.join(columns)}: write left,right[,disparity,scale,sign,name]")
     return found((_row(root, row, f"{path} line {table.line_num}") for row in table), f"rows in {path}")
 
 
@@ -59,7 +59,8 @@ def _truth(root: Path, entry: dict[str, Any], what: str) -> Truth | None:
         return None
     kind = truth.get("kind") if isinstance(truth, dict) else None
     if kind == "disparity":
-        return DisparityTruth(_file(root, truth, "file", what), _scale(truth.get("scale", 1), what))
+        file, scale = _file(root, truth, "file", what), _scale(truth.get("scale", 1), what)
+        return DisparityTruth(file, scale, _sign(truth.get("sign", 1), what))
     if kind == "homography":
         return HomographyTruth(cameras.homography(cameras.matrix(truth.get("H"), (3, 3), f"H of {what}")))
     if kind not in KINDS:
@@ -78,7 +79,10 @@ def _row(root: Path, row: dict[str, str | None], what: str) -> EvalPair:
     left, right = existing(root / row["left"]), existing(root / row["right"])
     name = row.get("name") or f"{Path(row['left']).with_suffix('').as_posix()}-{right.stem}"
     disparity = row.get("disparity")
-    truth = DisparityTruth(existing(root / disparity), _scale(row.get("scale") or 1, what)) if disparity else None
+    truth = None
+    if disparity:
+        scale, sign = _scale(row.get("scale") or 1, what), _sign(row.get("sign") or 1, what)
+        truth = DisparityTruth(existing(root / disparity), scale, sign)
     return EvalPair(path_name(*name.split("/")), left, right, truth)
 
 
@@ -96,3 +100,9 @@ def _scale(value: Any, what: str) -> float:
     if not (math.isfinite(scale) and scale > 0):
         raise InputError(f"{what} has the scale {value!r}: write a number above 0")
     return scale
+
+
+def _sign(value: Any, what: str) -> int:
+    if str(value) not in ("1", "-1"):
+        raise InputError(f"{what} has the sign {value!r}: write 1, or -1 where the file stores -d")
+    return int(value)

@@ -66,5 +66,5 @@ def _pairs_of(frames: Path, left: Path) -> Iterator[EvalPair]:
     right, disparity = left.parent / "right", frames.parent / "disparity" / scene / "left"
     for name in together(left, right):
         image, other = existing(left / name), existing(right / name)
-        truth = DisparityTruth(existing(disparity / f"{image.stem}.pfm"))
+        truth = DisparityTruth(existing(disparity / f"{image.stem}.pfm"), sign=0)  # parts of it store -d
         yield EvalPair(path_name(render, *scene.parts, image.stem), image, other, truth)
