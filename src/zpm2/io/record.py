@@ -90,11 +90,15 @@ def made_folder(path: Path) -> Path:
 
 
 def keep(folder: Path, key: str) -> None:
-    """Remembers the key (`keys.key`) of the finished results in a folder on the record. `OSError`."""
+    """Remembers the key (`keys.key`) of the finished results in a folder on the record. `OutputError`."""
     file = _key_file(folder)
-    if file is not None:
+    if file is None:
+        return
+    try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(key, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {file}: {error.strerror}") from error
 
 
 def kept(folder: Path) -> str | None:
