@@ -8,12 +8,11 @@ from time import perf_counter
 from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
-from zpm2.errors import ConfigError, InputError
+from zpm2.errors import ConfigError
 from zpm2.features import PointMatcher
 from zpm2.io.gis import has_pyogrio
-from zpm2.io.images import MAX_PIXELS
+from zpm2.io.images import whole
 from zpm2.io.source import ImageLike, Source, opened
-from zpm2.model import Image
 from zpm2.pipeline import PolygonMatcher
 from zpm2.regions import Progress
 from zpm2.result import MatchResult
@@ -64,7 +63,7 @@ class TiledMatcher:
     def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
         """A small pair."""
         start = perf_counter()
-        images = [_all(source, name) for source, name in zip(sources, SIDES, strict=True)]
+        images = [whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True)]
         seconds = perf_counter() - start
         result = self._whole(*images)
         sides = [replace(side, geo=s.geo) for side, s in zip((result.left, result.right), sources, strict=True)]
@@ -80,14 +79,6 @@ class TiledMatcher:
 def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
     """Match the polygons of one pair of photographs of any size. For many pairs, keep a `TiledMatcher`."""
     return TiledMatcher(config)(left, right)
-
-
-def _all(source: Source, name: str) -> Image:
-    if source.width * source.height > MAX_PIXELS:
-        raise InputError(
-            f"{name} image has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, --set tiles.mode=on"
-        )
-    return source.read()
 
 
 def _gis_notes(sources: Sequence[Source]) -> list[str]:
