@@ -122,9 +122,8 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         notes.append(_orientation_note(orientation))
     if picture.mode in ("P", "PA"):
         notes.append("The colour palette was expanded to RGB.")
-    if picture.mode in ("LA", "La", "PA", "RGBa") or (
-        picture.mode in ("1", "L", "P", "RGB") and "transparency" in info
-    ):
+    keyed = picture.mode in ("1", "L", "P", "RGB") and "transparency" in info  # a colour means transparent
+    if keyed or picture.mode in ("LA", "La", "PA", "RGBa"):
         if picture.mode == "1":
             notes.append("1-bit values became black and white.")
         picture = picture.convert("RGBA")

@@ -26,27 +26,23 @@ Valid = NDArray[np.bool_] | None  # (h, w) where there is data; None: everywhere
 
 
 def to_image(
-    values: Values,
-    what: str,
-    path: str | None = None,
-    notes: Sequence[str] = (),
-    valid: Valid = None,
-    nodata: Any = None,
+    values: Values, what: str, path: str | None = None, notes: Sequence[str] = (), nodata: float | None = None
 ) -> Image:
     """(h, w), (h, w, 1), (h, w, 3) or (h, w, 4) values, the last with alpha, as a photograph. See `read_image`.
 
-    What is not `valid`, is transparent, or is `nodata` in all bands holds no data. Values with a `path` are those of a
-    file: there NaN, infinity and what fills the border hold none either. `InputError` for values that cannot be used.
+    What is transparent, or is `nodata` in all bands, holds no data. Values with a `path` are those of a file: there
+    NaN, infinity and what fills the border hold none either. `InputError` for values that cannot be used.
     """
     check(values, what)
     notes = list(notes)
+    valid: Valid = None
     if values.dtype == np.bool_:
         values = values.astype(np.uint8) * 255
         notes.append("1-bit values became black and white.")
     if values.ndim == 2:
         values = values[..., None]
     if values.shape[2] == 4:
-        values, valid = values[..., :3], both(valid, values[..., 3] > 0)
+        values, valid = values[..., :3], np.asarray(values[..., 3] > 0)
     if nodata is not None:
         valid = both(valid, differs(values, nodata))
     if values.dtype.kind == "f":
@@ -120,8 +116,8 @@ def look(values: Values, valid: Valid, guess: bool) -> tuple[tuple[float, float]
         fills.append(fill)
         valid = both(valid, differs(values, fill))
         notes.append(
-            f"Warning: {share:.1%} of the pixels, along the border, have the value {_text(fill)}, which is not declared "
-            "as no data: they are taken as no data."
+            f"{share:.1%} of the pixels, along the border, have the value {_text(fill)}, which is not declared as no "
+            "data: they are taken as no data."
         )
         low, high, note = brightness_range(_known(values, valid))
     if guess and "stretched" in note:
@@ -156,12 +152,13 @@ def _extremes(known: Values) -> list[str]:
         other = differs(known, extreme)
         share = 1 - float(other.mean())
         rest = known[other]
-        if SEEN <= share < ALL and np.abs(rest - float(extreme)).min() > APART * (
-            float(rest.max()) - float(rest.min())
-        ):
+        if not SEEN <= share < ALL:
+            continue
+        low, high = float(rest.min()), float(rest.max())
+        if max(low - float(extreme), float(extreme) - high) > APART * (high - low):
             notes.append(
-                f"Warning: {share:.1%} of the pixels have the value {extreme:g}, far from all others: declare it as no "
-                "data if it means that."
+                f"{share:.1%} of the pixels have the value {extreme:g}, far from all others: if it means no data, "
+                "declare it so (gdal_edit.py -a_nodata)."
             )
     return notes
 
