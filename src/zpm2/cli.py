@@ -13,6 +13,7 @@ from zpm2._version import __version__
 from zpm2.cloud_cli import cloud
 from zpm2.console import (
     AsJson,
+    Bands,
     ConfigFile,
     Device,
     Preset,
@@ -110,9 +111,7 @@ def match_command(
     tiles: Annotated[
         str | None, typer.Option(help="auto, on or off: large photographs tile by tile.  [default: preset's]")
     ] = None,
-    bands: Annotated[
-        str | None, typer.Option(help="One band or three (red,green,blue), from 1 on.  [default: as the file says]")
-    ] = None,
+    bands: Bands = None,
     gsd: Annotated[
         str | None, typer.Option(help="m on the ground per px, one or left,right.  [default: as the files say]")
     ] = None,
@@ -180,7 +179,7 @@ def demo(
 
     from zpm2.demo import render_scene, score
     from zpm2.io.files import output_folder
-    from zpm2.pipeline import PolygonMatcher
+    from zpm2.tiled import TiledMatcher
 
     config = configure(preset, None, settings, {"device": device, "seed": seed})
     use_weights(weights_dir)
@@ -191,7 +190,7 @@ def demo(
         for name, pixels in (("left", scene.left), ("right", scene.right)):
             Image.fromarray(pixels).save(folder / f"{name}.png")
         progress("render", 1.0)
-        matcher = PolygonMatcher(config, progress=progress, say=say)
+        matcher = TiledMatcher(config, progress=progress, say=say)
         result = matcher(folder / "left.png", folder / "right.png")
         result.save(folder)
     truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)

@@ -11,6 +11,7 @@ import typer
 
 from zpm2.console import (
     AsJson,
+    Bands,
     ConfigFile,
     Device,
     Preset,
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
     from zpm2.cloud.stereo import Rig
     from zpm2.config import Config
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
+    from zpm2.tiled import TiledMatcher
 
 UNMATCHED = ("cloud", "pose", "device")  # stages of a configuration that do not change matches
 
@@ -70,6 +71,7 @@ def cloud(
         float | None, typer.Option(help="Of the sampled points, in the mesh's unit.  [default: 200,000 points]")
     ] = None,
     las: Annotated[bool, typer.Option("--las", help="Write points.las too.")] = False,
+    bands: Bands = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -84,7 +86,7 @@ def cloud(
     Writes cloud.json, cloud.html to look at, cloud.png, patches.ply, cloud.glb, boundaries and points. The matches of
     each pair stay in pairs/, and are taken from there by the next run.
     """
-    config = configure(preset, config_file, settings, {"device": device, "seed": seed})
+    config = configure(preset, config_file, settings, {"raster.bands": bands, "device": device, "seed": seed})
     if spacing is not None and not 0 < spacing < float("inf"):
         raise ConfigError(f"--spacing {spacing}: give a distance above 0")
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
@@ -127,7 +129,7 @@ class _Matcher:
         self, config: "Config", progress: Callable[[str, float], None], say: Callable[[str], None], out: Path
     ) -> None:
         self.config, self.progress, self.say, self.out = config, progress, say, out
-        self._matcher: PolygonMatcher | None = None
+        self._matcher: TiledMatcher | None = None
 
     def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
         from zpm2.result import MatchResult
@@ -139,9 +141,9 @@ class _Matcher:
             if paths == [left.resolve(), right.resolve()] and _asked(kept.config) == _asked(self.config.to_dict()):
                 return kept
         if self._matcher is None:
-            from zpm2.pipeline import PolygonMatcher
+            from zpm2.tiled import TiledMatcher
 
-            self._matcher = PolygonMatcher(self.config, progress=self.progress, say=self.say)
+            self._matcher = TiledMatcher(self.config, progress=self.progress, say=self.say)
         self._matcher(left, right).save(folder)
         return MatchResult.load(folder)  # without the pixels
 
@@ -187,7 +189,8 @@ def _stereo(
     from zpm2.io.maps import read_map
     from zpm2.result import MatchResult
 
-    left, right = read_image(photographs[0], "left image"), read_image(photographs[1], "right image")
+    chosen = matcher.config.raster.bands
+    left, right = (read_image(p, f"{n} image", chosen) for p, n in zip(photographs, ("left", "right"), strict=True))
     for image, camera in ((left, rig.left), (right, rig.right)):
         if (image.width, image.height) != camera.size:
             raise InputError(f"{image.path} has {image.width} x {image.height} px, its camera {camera.size}")

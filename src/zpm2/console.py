@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 Preset = Annotated[str, typer.Option(help="paper: the published method and numbers. default: the best we know.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.")]
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.FIELD=VALUE", help="Repeatable.")]
+Bands = Annotated[
+    str | None, typer.Option(help="One band or three (red,green,blue), from 1 on.  [default: as the file says]")
+]
 Device = Annotated[str | None, typer.Option(help="auto, cpu or cuda.  [default: auto]")]
 Seed = Annotated[
     int | None, typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]")

@@ -9,6 +9,7 @@ import typer
 
 from zpm2.console import (
     AsJson,
+    Bands,
     ConfigFile,
     Device,
     Preset,
@@ -60,6 +61,7 @@ def pose(
         bool, typer.Option("--colmap", help="Write a database and a two-view model for COLMAP (colmap/).")
     ] = False,
     estimator: Annotated[str | None, typer.Option(help="opencv or poselib.  [default: preset's]")] = None,
+    bands: Bands = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -74,7 +76,7 @@ def pose(
     Writes pose.json, and the files of zpm2 match where it matched. R and t take points of the left camera to the right
     one: X_right = R X_left + t, t of unit length where no baseline is given.
     """
-    options = {"device": device, "seed": seed, "pose.estimator": estimator}
+    options = {"raster.bands": bands, "device": device, "seed": seed, "pose.estimator": estimator}
     config = configure(preset, config_file, settings, options)
     if centers not in CENTERS:
         raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")
@@ -87,17 +89,18 @@ def pose(
     use_weights(weights_dir)
 
     from zpm2.io.images import read_image
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.pose import PoseFinder
     from zpm2.regions import resolve_device
     from zpm2.result import MatchResult
+    from zpm2.tiled import TiledMatcher
 
     finder = PoseFinder(config, device=resolve_device(config.device))
-    images = read_image(left, "left image"), read_image(right, "right image")
+    chosen = config.raster.bands
+    images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
     cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
     with fresh_folder(out, left, right), bars(quiet or as_json) as (progress, say):
         if matches is None:
-            matched = PolygonMatcher(config, progress=progress, say=say)(left, right)
+            matched = TiledMatcher(config, progress=progress, say=say)(left, right)
             matched.save(out)
         else:
             matched = MatchResult.load(matches)

@@ -97,7 +97,7 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
     try:
         return PIL.Image.open(file)
     except PIL.UnidentifiedImageError as error:
-        raise UnknownFormat(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file") from error
+        raise UnknownFormat(str(values.unknown_format(what))) from error
     except _DAMAGE as error:
         raise values.damaged(what, error) from error
 

@@ -37,7 +37,8 @@ class Raster:
 
     path; width, height: px; notes: what is done to the pixels, as in `images.read_image`, and how it is placed.
     geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
-    plain: whether the file is an 8-bit picture without gaps of a kind that other libraries read alike.
+    alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
+        gaps than transparent ones, of a kind that other libraries read alike.
     """
 
     def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
@@ -58,8 +59,9 @@ class Raster:
         self._fills: list[NDArray[Any]] = []
         gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
         self._sampled = gaps_or_colors or self._type.kind == "f"
-        gaps = bool(self._mask_bands) or self._range is not None
-        self.plain = source.driver in PICTURES and not gaps and self._type == np.uint8
+        self.alpha = _has_alpha(source, self._bands)
+        known = not self._mask_bands or self.alpha
+        self.plain = source.driver in PICTURES and self._type == np.uint8 and known and self._range is None
         if self._sampled or self._type != np.uint8:
             self._look(notes)
         self._place, self.geo = place_of(source, self.width, self.height, gsd, notes)
@@ -233,8 +235,7 @@ def _gdal(what: str) -> Iterator[None]:
             raise
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
-                advice = "give a GeoTIFF, JPEG 2000, PNG or JPEG file"
-                raise InputError(f"{what} is not a picture in a known format: {advice}") from error
+                raise values.unknown_format(what) from error
             raise values.damaged(what, error.__cause__ or error) from error
 
 
@@ -288,6 +289,13 @@ def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
     if any(MaskFlags.all_valid in f for f in flags):
         return []
     return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
+
+
+def _has_alpha(source: Any, bands: Sequence[int]) -> bool:
+    from rasterio.enums import MaskFlags
+
+    own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds one to what it converts
+    return own and all(MaskFlags.alpha in source.mask_flag_enums[band - 1] for band in bands)
 
 
 def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:

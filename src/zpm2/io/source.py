@@ -99,7 +99,7 @@ def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (
     """A photograph as a `Source`. This is where the library that reads a file is chosen.
 
     A file is read by windows, through rasterio, where it is georeferenced, where `bands` are chosen, and where it has
-    more than 16 megapixels. All else is read at once: by Pillow 8-bit pictures without gaps, those that GDAL does not
+    more than 16 megapixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what GDAL does not
     know, and everything where rasterio is missing, which is noted where it matters; by rasterio all other files. The
     rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before the file's
     own. Errors are those of `read_image` and `open_raster`.
@@ -134,7 +134,9 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
     if raster.placed or raster.geo.transform is not None or bands or large:
         return raster
     with raster:
-        return Held(pictures.read_file(path, what) if raster.plain else raster.read(), (), gsd)
+        image = pictures.read_file(path, what) if raster.plain else raster.read()
+        dropped = raster.alpha and not raster.plain and image.valid is None
+    return Held(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
 
 
 def _from_memory(source: Any, name: str) -> Image:

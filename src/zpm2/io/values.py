@@ -20,6 +20,8 @@ FRAMED = 0.5  # or share of the border itself
 ALL = 0.99  # share from which on a value is the picture itself
 SEEN = 0.005  # share of one value from which on it counts: it moves the range of brightness
 APART = 0.25  # of the range of all other values: a value that is so far from them may mean no data
+OPAQUE = "The alpha band was dropped; every pixel was opaque."
+NOT_TRANSPARENT = "The alpha band was dropped; no pixel was fully transparent."
 
 Values = NDArray[Any]
 Valid = NDArray[np.bool_] | None  # (h, w) where there is data; None: everywhere
@@ -42,7 +44,10 @@ def to_image(
     if values.ndim == 2:
         values = values[..., None]
     if values.shape[2] == 4:
-        values, valid = values[..., :3], np.asarray(values[..., 3] > 0)
+        values, alpha = values[..., :3], values[..., 3]
+        valid = np.asarray(alpha > 0)
+        if valid.all():
+            notes.append(OPAQUE if (alpha == alpha[0, 0]).all() else NOT_TRANSPARENT)
     if nodata is not None:
         valid = both(valid, differs(values, nodata))
     if values.dtype.kind == "f":
@@ -66,7 +71,7 @@ def to_image(
     return Image(rgb, path, tuple(notes), valid)
 
 
-def both(one: Valid, other: Valid) -> Valid:
+def both(one: Valid, other: Any) -> Valid:
     """Where both have data."""
     if one is None or other is None:
         return other if one is None else one
@@ -220,6 +225,11 @@ def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
 def too_large(what: str) -> InputError:
     """The error for more than `MAX_PIXELS` that would have to be in memory at once."""
     return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, or reduce it")
+
+
+def unknown_format(what: str) -> InputError:
+    """The error for a file that no library knows."""
+    return InputError(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file")
 
 
 def damaged(what: str, error: BaseException) -> InputError:

@@ -13,6 +13,7 @@ from zpm2.features import PointMatcher
 from zpm2.io.gis import has_pyogrio
 from zpm2.io.images import whole
 from zpm2.io.source import ImageLike, Source, opened
+from zpm2.model import Image
 from zpm2.pipeline import PolygonMatcher
 from zpm2.regions import Progress
 from zpm2.result import MatchResult
@@ -52,28 +53,39 @@ class TiledMatcher:
         """
         raster = self.config.raster
         with opened(left, right, raster.bands, raster.gsd) as sources:
-            least = _least(sources[0], self.config), _least(sources[1], self.config)
-            if self._in_tiles(sources):
-                run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
-                result = run.result()
-            else:
-                result = self._as_it_is(sources, least)
+            if not in_tiles(sources, self.config):
+                return match_whole(self._whole, sources, self.config)
+            least = _least_areas(sources, self.config)
+            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
+            result = run.result()
             return replace(result, warnings=[*result.warnings, *_gis_notes(sources)])
 
-    def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
-        """A small pair."""
-        start = perf_counter()
-        images = [whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True)]
-        seconds = perf_counter() - start
-        result = self._whole(*images)
-        sides = [replace(side, geo=s.geo) for side, s in zip((result.left, result.right), sources, strict=True)]
-        timings = {**result.timings, "read": result.timings["read"] + seconds}
-        result = replace(result, left=sides[0], right=sides[1], timings=timings)
-        return result.without_smaller(*least) if self.config.raster.min_area_m2 else result
 
-    def _in_tiles(self, sources: Sequence[Source]) -> bool:
-        mode = self.config.tiles.mode
-        return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
+def in_tiles(sources: Sequence[Source], config: Config) -> bool:
+    """Whether a pair is matched in tiles."""
+    mode = config.tiles.mode
+    return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
+
+
+def match_whole(
+    match: Callable[[Image, Image], MatchResult], sources: tuple[Source, Source], config: Config
+) -> MatchResult:
+    """What `match` makes of both photographs, each as a whole, with where they lie on the ground."""
+    least = _least_areas(sources, config)
+    start = perf_counter()
+    left, right = (whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True))
+    seconds = perf_counter() - start
+    result = match(left, right)
+    timings = {"read": 0.0, **result.timings}
+    timings["read"] += seconds
+    result = replace(
+        result,
+        left=replace(result.left, geo=sources[0].geo),
+        right=replace(result.right, geo=sources[1].geo),
+        timings=timings,
+        warnings=[*result.warnings, *_gis_notes(sources)],
+    )
+    return result.without_smaller(*least) if config.raster.min_area_m2 else result
 
 
 def match(left: ImageLike, right: ImageLike, config: Config | str = "default") -> MatchResult:
@@ -98,8 +110,12 @@ def _gis_notes(sources: Sequence[Source]) -> list[str]:
     return notes
 
 
+def _least_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
+    """px^2, the smallest polygon of the left and the right photograph."""
+    return _least(sources[0], config), _least(sources[1], config)
+
+
 def _least(source: Source, config: Config) -> float:
-    """px^2, the smallest polygon of a photograph."""
     if not config.raster.min_area_m2:
         return config.segment.min_area
     if source.geo.gsd is None:
