@@ -13,13 +13,13 @@ from zpm2.features import PointMatcher
 from zpm2.io.gis import has_pyogrio
 from zpm2.io.images import whole
 from zpm2.io.source import ImageLike, Source, opened
-from zpm2.model import Image
+from zpm2.model import Image, thin
 from zpm2.pipeline import PolygonMatcher
 from zpm2.regions import Progress
 from zpm2.result import MatchResult
 from zpm2.tiled.run import SIDES, Run
 
-LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles
+LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles, as it does for thin ones
 
 
 class TiledMatcher:
@@ -64,7 +64,8 @@ class TiledMatcher:
 def in_tiles(sources: Sequence[Source], config: Config) -> bool:
     """Whether a pair is matched in tiles."""
     mode = config.tiles.mode
-    return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
+    large = any(s.width * s.height > LARGE or thin(s.width, s.height) for s in sources)
+    return mode == "on" or (mode == "auto" and large)
 
 
 def match_whole(
