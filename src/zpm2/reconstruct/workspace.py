@@ -13,6 +13,7 @@ from zpm2.io.colmap import require_pycolmap
 from zpm2.io.files import atomic_write, output_folder
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
+from zpm2.reconstruct.photographs import as_png
 from zpm2.reconstruct.structure import find_structure
 
 
@@ -111,10 +112,15 @@ def _claim(workspace: Path, photographs: Sequence[Path], options: Options, known
 
 
 def _link(photographs: Sequence[Path], folder: Path) -> None:
-    """The photographs in the workspace: hard links, copies where the file system has none."""
+    """The photographs in the workspace: hard links, copies where the file system has none; as PNG what COLMAP does not
+    read as we do."""
     folder.mkdir(exist_ok=True)
     for path in photographs:
         if not (folder / path.name).exists():
+            pixels = as_png(path)
+            if pixels is not None:
+                atomic_write(folder / path.name, pixels)
+                continue
             try:
                 os.link(path.resolve(), folder / path.name)
             except OSError:
