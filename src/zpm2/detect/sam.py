@@ -124,13 +124,8 @@ class SamView:
         if len(answers) == 0:
             return []
         each = zip(answers.logits, masks.boxes(answers.bits), answers.score, strict=True)
-        found = [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
-        valid = self.image.valid
-        if valid is not None:
-            for mask in found:
-                rows, columns = mask.bits.shape
-                mask.bits[...] &= valid[mask.y0 : mask.y0 + rows, mask.x0 : mask.x0 + columns]
-        return found
+        found = (upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each)
+        return [mask.within(self.image.valid) for mask in found]
 
 
 def decoded_size(image: Image) -> tuple[int, int]:
