@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ class Unopened(InputError):
 class Raster:
     """A photograph in a file, read by windows. A context manager; `open_raster` makes it.
 
-    path; width, height: px; notes: what is done to the pixels, as in `images.read_image`, and how it is placed.
+    path; width, height: px.
     geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
     alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
         gaps than transparent ones, of a kind that other libraries read alike.
@@ -46,7 +47,7 @@ class Raster:
         self.path, self.width, self.height = path, int(source.width), int(source.height)
         overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
         self._reduced_what = " or its overview file ".join([what, *overviews])
-        notes = _file_notes(source, path)
+        self._said = notes = list[str]()
         self._bands = _chosen_bands(source, bands, what, notes)
         kinds = [source.dtypes[band - 1] for band in self._bands]
         if any("complex" in kind for kind in kinds):
@@ -62,10 +63,16 @@ class Raster:
         self.alpha = _has_alpha(source, self._bands)
         known = not self._mask_bands or self.alpha
         self.plain = source.driver in PICTURES and self._type == np.uint8 and known and self._range is None
-        if self._sampled or self._type != np.uint8:
+        if (self._sampled or self._type != np.uint8) and not self.plain:
             self._look(notes)
         self._place, self.geo = place_of(source, self.width, self.height, gsd, notes)
-        self.notes = tuple(notes)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
+        if self._sampled and self.plain:  # not before it is asked for: others read such files at once
+            self._look(self._said)
+        return (*_file_notes(self._source, self.path), *self._said)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
