@@ -18,7 +18,6 @@ import zpm2
 from zpm2 import cli
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.vectorize import rasterize
-from zpm2.pipeline import PolygonMatcher
 from zpm2.tiled import TiledMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
@@ -238,7 +237,7 @@ def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`zpm2 demo` with the small scene and its own regions; the command line options for it."""
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
     monkeypatch.setattr("zpm2.demo.render_scene", lambda seed: pair.scene)
-    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", partial(PolygonMatcher, segmenter=own))
+    monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
     return ["--set", "points.methods=sift", "--device", "cpu"]
 
 

@@ -170,7 +170,7 @@ def test_photographs_of_one_name_in_two_folders(
             (tmp_path / "matches.json").write_text(json.dumps(document))
             return MatchResult.load(tmp_path)
 
-    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", Matcher)
+    monkeypatch.setattr("zpm2.tiled.TiledMatcher", Matcher)
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
     for _ in range(2):
         code, _, err = run("cloud", workspace, "-o", tmp_path / "out", *SIFT)

@@ -18,6 +18,7 @@ from zpm2.console import (
     REGIONS,
     RESULT,
     AsJson,
+    Bands,
     Command,
     ConfigFile,
     Device,
@@ -184,12 +185,7 @@ def match_command(
             autocompletion=one_of(choices("tiles.mode")),
         ),
     ] = None,
-    bands: Annotated[
-        str | None,
-        typer.Option(
-            help="One band or three (red,green,blue), from 1 on.  [default: as the file says]", rich_help_panel=LARGE
-        ),
-    ] = None,
+    bands: Bands = None,
     gsd: Annotated[
         str | None,
         typer.Option(
@@ -266,8 +262,8 @@ def demo(
 
     from zpm2.demo import render_scene, score
     from zpm2.io.files import atomic_write
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.result import file_names
+    from zpm2.tiled import TiledMatcher
 
     config = configure(preset, None, settings, {"device": device, "seed": seed})
     use_weights(weights_dir)
@@ -279,7 +275,7 @@ def demo(
         for name, pixels in zip(names, (*photographs, scene.labels, scene.labels_right), strict=True):
             atomic_write(out / name, cv2.imencode(".png", pixels)[1].tobytes())
         progress("render", 1.0)
-        matcher = PolygonMatcher(config, progress=progress, say=say)
+        matcher = TiledMatcher(config, progress=progress, say=say)
         result = matcher(out / names[0], out / names[1])
         result.save(out)
     truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)

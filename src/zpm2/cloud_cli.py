@@ -12,6 +12,7 @@ import typer
 from zpm2.console import (
     RESULT,
     AsJson,
+    Bands,
     ConfigFile,
     Device,
     Out,
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
     from zpm2.cloud.stereo import Rig
     from zpm2.config import Config
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
+    from zpm2.tiled import TiledMatcher
 
 WORKSPACE = "A workspace"  # groups of options in the help
 STEREO = "A rectified pair"
@@ -105,6 +106,7 @@ def cloud(
         ),
     ] = None,
     las: Annotated[bool, typer.Option("--las", help="Write points.las too.", rich_help_panel=RESULT)] = False,
+    bands: Bands = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -119,7 +121,7 @@ def cloud(
     Writes cloud.json, cloud.html to look at, cloud.png, patches.ply, cloud.glb, boundaries and points. The matches of
     each pair stay in pairs/, and are taken from there by the next run.
     """
-    config = configure(preset, config_file, settings, {"device": device, "seed": seed})
+    config = configure(preset, config_file, settings, {"bands": bands, "device": device, "seed": seed})
     if spacing is not None and not 0 < spacing < float("inf"):
         raise ConfigError(f"--spacing {spacing}: give a distance above 0")
     if not 0 < disparity_scale < float("inf"):
@@ -173,7 +175,7 @@ class _Matcher:
         self, config: "Config", progress: Callable[[str, float], None], say: Callable[[str], None], out: Path
     ) -> None:
         self.config, self.progress, self.say, self.out = config, progress, say, out
-        self._matcher: PolygonMatcher | None = None
+        self._matcher: TiledMatcher | None = None
 
     def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
         from zpm2.io.keys import key
@@ -185,9 +187,9 @@ class _Matcher:
         if kept(folder) == asked and (folder / "matches.json").exists():
             return MatchResult.load(folder)
         if self._matcher is None:
-            from zpm2.pipeline import PolygonMatcher
+            from zpm2.tiled import TiledMatcher
 
-            self._matcher = PolygonMatcher(self.config, progress=self.progress, say=self.say)
+            self._matcher = TiledMatcher(self.config, progress=self.progress, say=self.say)
         made_folder(self.out / PAIRS)
         self._matcher(left, right).save(made_folder(folder))
         keep(folder, asked)
@@ -237,7 +239,8 @@ def _stereo(
     from zpm2.io.maps import read_disparity
     from zpm2.result import MatchResult
 
-    left, right = read_image(photographs[0], "left image"), read_image(photographs[1], "right image")
+    chosen = matcher.config.raster.bands
+    left, right = (read_image(p, f"{n} image", chosen) for p, n in zip(photographs, ("left", "right"), strict=True))
     odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
     given = read_disparity(disparity, (left.width, left.height), *scaling) if disparity is not None else None
     names = photographs[0].name, photographs[1].name

@@ -111,7 +111,7 @@ class RasterConfig:
 class TilesConfig:
     """Large photographs, seen in overlapping tiles of several scales."""
 
-    mode: Literal["off", "on", "auto"] = "off"  # auto: pairs of which one has more than 16 megapixels
+    mode: Literal["off", "on", "auto"] = "off"  # auto: where one has more than 16 megapixels, or is thin
     size: int = 2048  # px, side of the finest tiles; each level above has tiles three times as wide
     overlap: float = 0.125  # 0..1, share of a tile's side that neighbouring tiles have in common at least
     outside: bool = True  # also segment what only one of the photographs shows

@@ -135,6 +135,12 @@ Settings = Annotated[
         autocompletion=settings_of,
     ),
 ]
+Bands = Annotated[
+    str | None,
+    typer.Option(
+        help="One band or three (red,green,blue), from 1 on.  [default: as the file says]", rich_help_panel=LARGE
+    ),
+]
 Device = Annotated[
     str | None,
     typer.Option(

@@ -52,14 +52,16 @@ class PolygonMatcher:
         self._points = points
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`.
+        """Match one pair as a whole. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`;
+        `TiledMatcher` also takes large pairs, and keeps georeferences.
 
         Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
         overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.
         """
         config, clock = self.config, Clock(self.progress)
         with clock("read"):
-            images = read_image(left, "left image"), read_image(right, "right image")
+            chosen = config.raster.bands
+            images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
         with clock("load"):
             matcher = self._load_points()
             self._regions.load()

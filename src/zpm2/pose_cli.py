@@ -12,6 +12,7 @@ from zpm2.console import (
     METHOD,
     RESULT,
     AsJson,
+    Bands,
     ConfigFile,
     Device,
     Out,
@@ -91,6 +92,7 @@ def pose(
             autocompletion=one_of(choices("pose.estimator")),
         ),
     ] = None,
+    bands: Bands = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -105,7 +107,7 @@ def pose(
     Writes pose.json, and the files of zpm2 match where it matched. R and t take points of the left camera to the right
     one: X_right = R X_left + t, t of unit length where no baseline is given.
     """
-    options = {"device": device, "seed": seed, "estimator": estimator}
+    options = {"bands": bands, "device": device, "seed": seed, "estimator": estimator}
     config = configure(preset, config_file, settings, options)
     if centers not in CENTERS:
         raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")
@@ -121,21 +123,22 @@ def pose(
     use_weights(weights_dir)
 
     from zpm2.io.images import read_image
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.pose import PoseFinder
     from zpm2.pose.result import NAME as POSE
     from zpm2.regions import resolve_device
     from zpm2.result import MatchResult, file_names
+    from zpm2.tiled import TiledMatcher
 
     finder = PoseFinder(config, device=resolve_device(config.device))
-    images = read_image(left, "left image"), read_image(right, "right image")
+    chosen = config.raster.bands
+    images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
     cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
     names = [POSE, *(["rectified"] if rectify else []), *(["colmap"] if colmap else [])]
     inputs = left, right, *(Path(text) for text in (k, k2) if text is not None)
     folder = fresh_folder(out, *inputs, names=[*names, *(file_names() if matches is None else [])])
     with folder, bars(quiet or as_json) as (progress, say):
         if matches is None:
-            matched = PolygonMatcher(config, progress=progress, say=say)(left, right)
+            matched = TiledMatcher(config, progress=progress, say=say)(left, right)
             matched.save(out)
         else:
             matched = MatchResult.load(matches)

@@ -124,7 +124,8 @@ class RegionStages:
             found = segmenter.polygons(image)
         else:
             size = image.width, image.height
-            found = vectorize(segmenter.segment(image), self.config.vectorize, self.config.segment.min_area, size)
+            masks = [mask.within(image.valid) for mask in segmenter.segment(image)]
+            found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, _notes(segmenter)
 

@@ -17,7 +17,7 @@ from zpm2.cloud.stereo import (
 )
 from zpm2.errors import Failed, InputError
 from zpm2.io.images import read_image
-from zpm2.model import Camera
+from zpm2.model import Camera, Image
 
 K = np.array([[300.0, 0, 200], [0, 300, 120], [0, 0, 1]])
 
@@ -71,6 +71,21 @@ def test_semi_global_matching_of_the_rendered_pair(pair: Pair) -> None:
     assert (error > 2).mean() < 0.05
     # what the right image does not show is not invented
     assert known[pair.scene.occluded].mean() < 0.5 * known[~pair.scene.occluded].mean()
+
+
+def test_what_holds_no_data_has_no_disparity(pair: Pair) -> None:
+    truth = pair.scene.disparity
+    low, high = int(truth.min()) - 4, int(truth.max()) + 4
+    gap = np.zeros((240, 400), bool)
+    gap[60:160, 150:250] = True
+    left, right = read_image(pair.left), read_image(pair.right)
+    without = [Image(np.where(gap[..., None], 0, image.rgb).astype(np.uint8), valid=~gap) for image in (left, right)]
+    assert np.isnan(semi_global(without[0], right, low, high)[gap]).all()
+    found = semi_global(left, without[1], low, high)
+    x, y = np.meshgrid(np.arange(400), np.arange(240))
+    there = np.clip(np.round(x - truth).astype(int), 0, 399)
+    inside = gap[y, there] & gap[y, np.clip(there - 6, 0, 399)]
+    assert np.isnan(found[inside]).mean() > 0.95
 
 
 def test_negative_disparities_are_found_too(pair: Pair) -> None:

@@ -111,7 +111,7 @@ def test_an_image_that_never_answers_is_asked_everywhere_by_the_full_grid_only()
         assert shares[-1] == 1.0
 
 
-@pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)
+@pytest.mark.parametrize("config", LEVELS, ids=lambda c: c.quality)
 def test_nothing_is_asked_where_there_is_no_data(config: SegmentConfig) -> None:
     valid = np.zeros((256, 256), bool)
     valid[:, 200:] = True

@@ -104,3 +104,14 @@ def test_nothing_matched() -> None:
     chosen = crops.boxes(none, none, SIDE)
     assert len(crops.match(chosen, (ramp(50, 50), ramp(50, 50)), Echo(), SIDE)) == 0
     assert len(crops.rectified(none, none, np.zeros((0, 3, 3)), np.zeros(0), SIDE, 0.5, 5).row) == 0
+
+
+def test_there_are_no_points_where_there_is_no_data() -> None:
+    image = ramp(250, 240)
+    valid = np.ones((240, 250), bool)
+    valid[:, :65] = False
+    chosen = crops.boxes(boxes((40, 40, 90, 80)), boxes((60, 50, 110, 90)), SIDE)
+    everywhere = crops.match(chosen, (image, image), Echo(), SIDE)
+    found = crops.match(chosen, (Image(image.rgb, valid=valid), image), Echo(), SIDE)
+    assert 0 < len(found) < len(everywhere)
+    assert (found.left[:, 0] >= 65).all()

@@ -106,7 +106,7 @@ def test_photographs_placed_by_rpc_give_gis_files(run: Run, pair: Pair, tmp_path
     code, _, err = run("match", *epochs, "-o", tmp_path / "out", "--tiles", tiles, *pair.regions)
     assert code == 0, err
     result = MatchResult.load(tmp_path / "out")
-    assert any("at the mean height of its RPC, 200 m" in text for text in result.warnings)
+    assert any("at the mean height of its RPC, 200 m" in text for text in result.notes)
     degrees = json.loads((tmp_path / "out" / "left.geojson").read_text())["features"]
     for side in ("left", "right"):
         meta, _, shapes, values = pyogrio.raw.read(tmp_path / "out" / "matches.gpkg", layer=side)

@@ -1,6 +1,7 @@
 """Classical shape matching as a method of its own: every left polygon against every right one, by outline alone."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -14,12 +15,12 @@ from zpm2.baselines.shape_context import ShapeContext
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, Failed
-from zpm2.io.images import read_image
-from zpm2.io.source import ImageLike
+from zpm2.io.source import ImageLike, opened
 from zpm2.messages import split
-from zpm2.model import PointMatches, Polygon, PolygonMatch
+from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
 from zpm2.regions import Clock, Progress, RegionStages, no_matches
 from zpm2.result import MatchResult
+from zpm2.tiled.matcher import in_tiles, match_whole
 
 NOT_ESTIMATED = Failed("not estimated by this method")
 
@@ -72,18 +73,25 @@ class BaselineMatcher:
         self._regions = RegionStages(self.config, segmenter, progress, say)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair, as `PolygonMatcher` does.
+        """Match one pair. Inputs and errors are those of `TiledMatcher`; large pairs are matched as a whole, too, which
+        a warning says where the configuration asks for tiles.
 
         A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, puts matches of one
         method in order and is no chance of being right: shape alone does not say.
         """
+        raster = self.config.raster
+        with opened(left, right, raster.bands, raster.gsd) as sources:
+            result = match_whole(self._match, sources, self.config)
+            if in_tiles(sources, self.config):
+                result = replace(result, warnings=[*result.warnings, "matched as a whole: a baseline knows no tiles"])
+            return result
+
+    def _match(self, left: Image, right: Image) -> MatchResult:
         method, clock = self.method, Clock(self.progress)
-        with clock("read"):
-            images = read_image(left, "left image"), read_image(right, "right image")
         with clock("load"):
             self._regions.load()
         with clock("detect"):
-            found = self._regions.detect(images)
+            found = self._regions.detect((left, right))
             sides, _ = found.sides(())
         with clock("describe"):
             shapes = method.describe(sides[0].polygons), method.describe(sides[1].polygons)

@@ -1,7 +1,7 @@
 """The polygon cloud as files that other programs open: PLY, GLB, GeoJSON, WKT, coloured points."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,8 @@ def _points_ply(points: Array, rgb: Colors, patch: Indices) -> bytes:
 
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
     """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
-    generator = np.random.default_rng(0)
+    generator, raster = np.random.default_rng(0), cloud.config.get("raster")
+    bands = raster["bands"] if isinstance(raster, Mapping) else ()  # those that were matched
     parts: dict[int, list[CloudPatch]] = {}
     for polygon in cloud.patches:
         if polygon.parent is not None:
@@ -114,7 +115,7 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
     points, rgb, ids = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.int64)]
     for view in sorted({p.view for p in cloud.patches}):
         camera = cloud.views[view].camera
-        image = read_image(cloud.views[view].path)
+        image = read_image(cloud.views[view].path, bands=bands)
         for polygon in (p for p in cloud.patches if p.view == view):
             patch = polygon.patch
             number = max(1, round(patch.area / spacing**2))

@@ -147,6 +147,9 @@ def semi_global(left: Image, right: Image, low: int, high: int) -> Disparity:
         found = matcher.compute(a, b)[:, border[1][0] : border[1][0] + grey[0].shape[1]].astype(np.float32)
         found[found < 16 * low] = np.nan
         maps.append(found / 16 if side == 0 else (found / 16)[:, ::-1])
+    for found, image in zip(maps, (left, right), strict=True):
+        if image.valid is not None:
+            found[~image.valid] = np.nan
     disparity = _checked(maps[0], maps[1])
     whole = np.where(np.isfinite(disparity), disparity * 16, (low - 1) * 16).astype(np.int16)
     cv2.filterSpeckles(whole, (low - 1) * 16, SPECKLE, 16)

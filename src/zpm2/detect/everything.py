@@ -43,6 +43,7 @@ def everything(
     known = Answers.none(view.size) if known is None else known
     if config.quality == "full":
         found, points = [], grid(config.grid, view.size)
+        points = points[has_data(view.image, view.size)[_pixels(points)]]
         for start in range(0, len(points), view.batch):
             found.append(view.ask(Prompts.at(points[start : start + view.batch] / view.low), floor))
             progress(min(1.0, (start + view.batch) / len(points)))

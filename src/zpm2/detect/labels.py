@@ -12,7 +12,8 @@ from scipy import ndimage
 
 from zpm2.detect.given import Reader, Reading, Region, check_size
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
-from zpm2.io.images import MAX_PIXELS, orientation_notes
+from zpm2.io import pictures
+from zpm2.io.values import MAX_PIXELS
 from zpm2.model import Image, Mask
 
 Values = NDArray[Any]
@@ -32,7 +33,8 @@ def open_labels(path: Path) -> Reader:
         values, hidden = _array(path, what), None
     else:
         values, hidden = _picture(path, what)
-        notes = orientation_notes(path)
+        header = pictures.header(path)
+        notes = [] if header is None else header[1]
     if values.ndim != 2:
         raise _several_bands(what, values.shape)
     if values.dtype.kind == "b":

@@ -16,7 +16,8 @@ from zpm2.config import SegmentConfig
 from zpm2.detect import everything, masks
 from zpm2.detect.answers import LOW, Answers, Floor, Prompts
 from zpm2.detect.sam_backend import SamBackend, open_backend
-from zpm2.model import Image, Mask
+from zpm2.errors import InputError
+from zpm2.model import Image, Mask, thin
 
 SIDE = 1024  # px, what the image encoder sees
 SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
@@ -68,6 +69,12 @@ class SamView:
     """One photograph as SAM sees it: in a 1024-px square. Encoded once, asked as often as wanted."""
 
     def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
+        if thin(image.width, image.height):
+            raise InputError(
+                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see {SIDE} x "
+                f"{round(SIDE * min(image.width, image.height) / max(image.width, image.height))}: match it in tiles "
+                "(--tiles on)"
+            )
         self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
         self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
         self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
@@ -117,13 +124,8 @@ class SamView:
         if len(answers) == 0:
             return []
         each = zip(answers.logits, masks.boxes(answers.bits), answers.score, strict=True)
-        found = [upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each]
-        valid = self.image.valid
-        if valid is not None:
-            for mask in found:
-                rows, columns = mask.bits.shape
-                mask.bits[...] &= valid[mask.y0 : mask.y0 + rows, mask.x0 : mask.x0 + columns]
-        return found
+        found = (upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each)
+        return [mask.within(self.image.valid) for mask in found]
 
 
 def decoded_size(image: Image) -> tuple[int, int]:

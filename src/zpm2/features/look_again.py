@@ -19,7 +19,7 @@ from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.features.combined import distinct
 from zpm2.features.protocol import PointMatcher
-from zpm2.model import Image, PointMatches
+from zpm2.model import Image, PointMatches, thin
 
 ENOUGH = (200, 100)  # points that agree, with which no first, no second further round is made
 MANY = 1000  # points, of which enough agree
@@ -44,6 +44,8 @@ class LookAgain:
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`."""
         found = self.matcher.match(left, right)
+        if any(thin(image.width, image.height) for image in (left, right)):
+            return found  # made smaller there is nothing to see, and turned it needs a square of its length
         longest = max(left.width, left.height, right.width, right.height)
         noise = NOISE_PX * max(1.0, longest / self.size)
         looks, turns = [found], [np.zeros(len(found), np.int64)]

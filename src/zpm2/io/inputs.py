@@ -4,12 +4,13 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import PIL.Image
-
 from zpm2.errors import InputError
+from zpm2.io import pictures
+from zpm2.io.source import open_source
 
 PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".jp2")
 
@@ -68,12 +69,12 @@ def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) px from the header of an image file."""
-    try:
-        with PIL.Image.open(path) as picture:
-            return picture.size
-    except OSError as error:
-        raise InputError(f"image {path} cannot be read: copy or download it again") from error
+    """(width, height) px of a photograph as its file stores it, from the header where that says so."""
+    found = pictures.header(path)
+    if found is not None:
+        return found[0]
+    with closing(open_source(path)) as source:
+        return source.width, source.height
 
 
 def text(path: Path) -> str:

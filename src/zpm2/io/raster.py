@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import ConfigError, InputError, MissingDependency
-from zpm2.io import images
+from zpm2.io import pictures, values
 from zpm2.io.placing import place_of
 from zpm2.messages import Note
 from zpm2.model import Image
@@ -23,16 +24,23 @@ Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
 CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
 CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
 SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
 
 _GDAL_NAME = re.compile(r"\w\w+:(?!.*(//|/vsi))")  # of a part of a local file, as GDAL lists its subdatasets
 
 
+class Unopened(InputError):
+    """A file, or a colour model, that GDAL does not read; another library may."""
+
+
 class Raster:
     """A photograph in a file, read by windows. A context manager; `open_raster` makes it.
 
-    path; width, height: px; notes: what is done to the pixels, as in `images.read_image`, and how it is placed.
+    path; width, height: px.
     geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
+    alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
+        gaps than transparent ones, of a kind that other libraries read alike.
     """
 
     def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
@@ -40,7 +48,7 @@ class Raster:
         self.path, self.width, self.height = path, int(source.width), int(source.height)
         overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
         self._reduced_what = " or its overview file ".join([what, *overviews])
-        notes = _file_notes(source, path)
+        self._said = notes = list[str]()
         self._bands = _chosen_bands(source, bands, what, notes)
         kinds = [source.dtypes[band - 1] for band in self._bands]
         if any("complex" in kind for kind in kinds):
@@ -49,12 +57,23 @@ class Raster:
         self._mask_bands = _mask_bands(source, self._bands)
         self._palette = _palette(source, self._bands, notes)
         self._range = _few_bits(source, self._bands[0], notes) if self._palette is None else None
+        self._negative = source.tags(ns="IMAGE_STRUCTURE").get("MINISWHITE") == "YES" and self._palette is None
+        self._fills: list[NDArray[Any]] = []
         gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
         self._sampled = gaps_or_colors or self._type.kind == "f"
-        if self._sampled or self._type != np.uint8:
+        self.alpha = _has_alpha(source, self._bands)
+        known = not self._mask_bands or self.alpha
+        self.plain = source.driver in PICTURES and self._type == np.uint8 and known and self._range is None
+        if (self._sampled or self._type != np.uint8) and not self.plain:
             self._look(notes)
         self._place, self.geo = place_of(source, self.width, self.height, gsd, notes)
-        self.notes = tuple(notes)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
+        if self._sampled and self.plain:  # not before it is asked for: others read such files at once
+            self._look(self._said)
+        return (*_file_notes(self._source, self.path), *self._said)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
@@ -76,13 +95,13 @@ class Raster:
         for top in range(0, height, rows):
             bottom = min(top + rows, height)
             part = (x0, y0 + top * scale_y, x1, y0 + bottom * scale_y)
-            values, known = self._pixels(part, width * across, (bottom - top) * down, average=not self._sampled)
+            seen, known = self._pixels(part, width * across, (bottom - top) * down, average=not self._sampled)
             if across * down > 1:
-                values, known = _means(values, known, across, down)
+                seen, known = _means(seen, known, across, down)
             if known is not None:
-                values = np.where(known[..., None], values, 0)
+                seen = np.where(known[..., None], seen, 0)
                 valid[top:bottom] = known
-            rgb[top:bottom] = self._to_8bit(values)
+            rgb[top:bottom] = self._to_8bit(seen)
         if valid.all():
             return Image(rgb, self.path, self.notes)
         rgb[~valid] = 0
@@ -124,16 +143,13 @@ class Raster:
         """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
         step = math.ceil(math.sqrt(self.width * self.height / LOOK))
         size = max(1, self.width // step), max(1, self.height // step)
-        values, valid = self._pixels((0, 0, self.width, self.height), *size)
+        seen, valid = self._pixels((0, 0, self.width, self.height), *size)
         if valid is not None:
-            if not valid.any():
-                raise InputError(f"{self._what} has no pixel with data: check its nodata value or its alpha band")
-            values = values[valid][:, None]
-            notes.append(Note("Pixels without data (nodata, alpha or not finite) are left out."))
+            notes += values.gap_notes(valid, self._what)
         if self._type != np.uint8 and self._palette is None:
-            low, high, note = images.brightness_range(values)
-            self._range = low, high
-            notes.append(note)
+            self._range, self._fills, more = values.look(seen, valid, guess=True)
+            self._sampled |= bool(self._fills)
+            notes += more
 
     def _pixels(
         self, window: tuple[float, float, float, float], width: int, height: int, average: bool = False
@@ -151,24 +167,26 @@ class Raster:
         bands, masks = self._bands, self._mask_bands
         reduced = width < x1 - x0 or height < y1 - y0
         with _gdal(self._reduced_what if reduced else self._what):
-            values = self._source.read(bands, out_shape=(len(bands), height, width), out_dtype=self._type.name, **how)
+            seen = self._source.read(bands, out_shape=(len(bands), height, width), out_dtype=self._type.name, **how)
             valid = None
             if masks:
                 valid = self._source.read_masks(masks, out_shape=(len(masks), height, width), **how).any(axis=0)
-        values = np.moveaxis(values, 0, -1)
+        seen = np.moveaxis(seen, 0, -1)
         if self._palette is not None:
-            values = self._palette[np.minimum(values[..., 0], len(self._palette) - 1)]
-            opaque = values[..., 3] > 0
-            values, valid = values[..., :3], opaque if valid is None else valid & opaque
+            seen = self._palette[np.minimum(seen[..., 0], len(self._palette) - 1)]
+            seen, valid = seen[..., :3], values.both(valid, seen[..., 3] > 0)
         if self._type.kind == "f":
-            finite = np.isfinite(values).all(axis=2)
-            valid = finite if valid is None else valid & finite
-        return values, None if valid is None or valid.all() else valid
+            valid = values.both(valid, np.isfinite(seen).all(axis=2))
+        for fill in self._fills:
+            valid = values.both(valid, values.differs(seen, fill))
+        return seen, None if valid is None or valid.all() else valid
 
-    def _to_8bit(self, values: NDArray[Any]) -> NDArray[np.uint8]:
+    def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
         if self._range is not None:
-            return images.scaled(values, *self._range)
-        return values if values.dtype == np.uint8 else np.rint(values).astype(np.uint8)
+            seen = values.scaled(seen, *self._range)
+        elif seen.dtype != np.uint8:
+            seen = np.rint(seen).astype(np.uint8)
+        return 255 - seen if self._negative else seen
 
 
 def require_rasterio() -> Any:
@@ -189,23 +207,28 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
         messages call it, for example "left image".
 
     8-bit values are taken as they are; all others become 8 bit by the rule of `images.read_image`, with one range for
-    the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity.
+    the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity, and what fills the
+    border by the same rule.
 
-    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file, complex values, no
-    pixel with data, a side under 32 px. `ConfigError` for bands that are not there.
+    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file (`Unopened`, where it
+    is GDAL that cannot), complex values, no pixel with data, a side under 32 px. `ConfigError` for bands that are not
+    there.
     """
     rasterio = require_rasterio()
     what = f"{name} {path}"
     if Path(path).exists() or not _GDAL_NAME.match(str(path)):
-        with images.opened_file(Path(path), what):
+        with values.opened_file(Path(path), what):
             pass
-    with _gdal(what):
-        source = rasterio.open(path)
+    try:
+        with _gdal(what):
+            source = rasterio.open(path)
+    except InputError as error:
+        raise Unopened(str(error)) from error
     try:
         if not source.count:
             parts = ", ".join(source.subdatasets)
             raise InputError(f"{what} holds several rasters: give one of {parts}" if parts else f"{what} has no bands")
-        images.check_sides(source.width, source.height, what)
+        values.check_sides(source.width, source.height, what)
         return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()
@@ -225,20 +248,22 @@ def _gdal(what: str) -> Iterator[None]:
             raise
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
-                advice = "give a GeoTIFF, JPEG 2000, PNG or JPEG file"
-                raise InputError(f"{what} is not a picture in a known format: {advice}") from error
-            raise images.damaged(what, error.__cause__ or error) from error
+                raise values.unknown_format(what) from error
+            raise values.damaged(what, error.__cause__ or error) from error
 
 
 def _file_notes(source: Any, path: str) -> list[str]:
-    notes = [images.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
-    if source.driver in ("GTiff", "JPEG", "PNG", "WEBP") and Path(path).exists():
-        notes += images.orientation_notes(path)
+    notes = [pictures.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
+    if source.driver in ("GTiff", *PICTURES) and Path(path).exists():
+        found = pictures.header(Path(path))
+        notes += [] if found is None else found[1]
     overviews = Path(f"{path}.ovr")
     if overviews.is_file() and not overviews.stat().st_size:
         notes.append(f"The overview file {overviews.name} is empty and was ignored.")
-    if source.tags(ns="IMAGE_STRUCTURE").get("SOURCE_COLOR_SPACE") == "CMYK":
-        notes.append(Note("The colours were converted from CMYK to RGB."))
+    structure = source.tags(ns="IMAGE_STRUCTURE")
+    model = structure.get("SOURCE_COLOR_SPACE", "RGB")
+    if model not in ("RGB", "YCbCr") or (model == "YCbCr" and "JPEG" not in structure.get("COMPRESSION", "")):
+        notes.append(Note(f"The colours were converted from {model} to RGB."))
     return notes
 
 
@@ -257,7 +282,7 @@ def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]
         return colors
     if ColorInterp.cyan in marks or ColorInterp.Y in marks:
         model = "CMYK" if ColorInterp.cyan in marks else "YCbCr"
-        raise InputError(f"{what} has colour model {model}: convert it to RGB first")
+        raise Unopened(f"{what} has colour model {model}: convert it to RGB first")
     found = [band for band in range(1, count + 1) if marks[band - 1] != ColorInterp.alpha] or [1]
     if len(found) > 2:
         first, second, third = found[:3]
@@ -277,6 +302,13 @@ def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
     if any(MaskFlags.all_valid in f for f in flags):
         return []
     return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
+
+
+def _has_alpha(source: Any, bands: Sequence[int]) -> bool:
+    from rasterio.enums import MaskFlags
+
+    own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds one to what it converts
+    return own and all(MaskFlags.alpha in source.mask_flag_enums[band - 1] for band in bands)
 
 
 def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:

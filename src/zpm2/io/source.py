@@ -11,9 +11,8 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
-from zpm2.io.images import read_image
-from zpm2.io.inputs import PHOTOGRAPHS
-from zpm2.io.raster import Window, open_raster
+from zpm2.io import pictures, values
+from zpm2.io.raster import Unopened, Window, open_raster
 from zpm2.model import Georeference, Image
 
 Array = NDArray[np.float64]
@@ -103,31 +102,58 @@ class Held:
 
 
 def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Source:
-    """A photograph as a `Source`.
+    """A photograph as a `Source`. This is where the library that reads a file is chosen.
 
     A file is read by windows, through rasterio, where it is georeferenced, where `bands` are chosen, and where it has
-    more than 16 megapixels; all else is read at once, as `read_image` does. Without rasterio everything is, and a note
-    says what that means for a file that is georeferenced or large. `gsd` is in m per px and goes before the file's own.
-    Errors are those of `read_image` and `open_raster`.
+    more than 16 megapixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what GDAL does not
+    know, and everything where rasterio is missing, which is noted where it matters; by rasterio all other files. The
+    rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before the file's
+    own. Errors are those of `read_image` and `open_raster`.
     """
-    if not isinstance(source, str | Path):
-        if bands:
-            raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
-        return Held(read_image(source, name), (), gsd)
+    if isinstance(source, str | Path):
+        return _open_file(Path(source), name, bands, gsd)
+    if bands:
+        raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
+    return Held(_from_memory(source, name), (), gsd)
+
+
+def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -> Source:
+    what = f"{name} {path}"
     try:
-        raster = open_raster(source, name, bands, gsd)
+        raster = open_raster(path, name, bands, gsd)
     except MissingDependency:
         if bands:
             raise
-        return Held(read_image(source, name), _missed(Path(source)), gsd)
-    except InputError:
-        if bands or Path(source).suffix.lower() not in PHOTOGRAPHS:
-            raise
-        return Held(read_image(source, name), (), gsd)  # which has more to say about photographs
-    if raster.placed or raster.geo.transform is not None or bands or raster.width * raster.height > LARGE:
+        try:
+            return Held(pictures.read_file(path, what), _missed(path), gsd)
+        except pictures.UnknownFormat as error:
+            raise InputError(f'{error}; with pip install "zpm2[geo]" every raster that GDAL knows is read') from error
+    except Unopened as error:
+        try:
+            image = pictures.read_file(path, what)
+        except pictures.UnknownFormat:
+            raise error from None  # which knows more about rasters
+        if bands:
+            raise InputError(f"{what}: bands are chosen from rasters that GDAL reads, it does not know this") from error
+        return Held(image, (), gsd)
+    large = raster.width * raster.height > LARGE
+    if raster.placed or raster.geo.transform is not None or bands or large:
         return raster
-    raster.close()
-    return Held(read_image(source, name), (), gsd)
+    with raster:
+        image = pictures.read_file(path, what) if raster.plain else raster.read()
+        dropped = raster.alpha and not raster.plain and image.valid is None
+    return Held(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
+
+
+def _from_memory(source: Any, name: str) -> Image:
+    if isinstance(source, Image):
+        values.check(source.rgb, name)
+        return source
+    if isinstance(source, PIL.Image.Image):
+        return pictures.from_picture(source, name)
+    if isinstance(source, np.ndarray):
+        return values.to_image(source, name)
+    raise InputError(f"{name}: expected a path, a numpy array or a PIL picture, got {type(source).__name__}")
 
 
 @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 from zpm2.model.camera import Camera, PosedCamera
 from zpm2.model.georeference import Georeference
-from zpm2.model.image import Image
+from zpm2.model.image import THIN, Image, thin
 from zpm2.model.mask import Mask
 from zpm2.model.match import Counterpart, PolygonMatch, Stage, counterparts
 from zpm2.model.points import PointMatches
@@ -10,6 +10,7 @@ from zpm2.model.polygon import Polygon, PolygonArrays
 from zpm2.model.side import Side
 
 __all__ = [
+    "THIN",
     "Camera",
     "Counterpart",
     "Georeference",
@@ -23,4 +24,5 @@ __all__ = [
     "Side",
     "Stage",
     "counterparts",
+    "thin",
 ]

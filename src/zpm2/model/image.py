@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from zpm2.model.brief import brief
 
+THIN = 32  # times as long as wide, beyond which a network that sees 1024 px of it sees less than 32 across
+
 
 @dataclass(frozen=True, eq=False)
 class Image:
@@ -36,3 +38,8 @@ class Image:
         """(h, w) float32 luma (ITU-R BT.601), 0..255."""
         weights = np.array([0.299, 0.587, 0.114], np.float32)
         return self.rgb.astype(np.float32) @ weights
+
+
+def thin(width: int, height: int) -> bool:
+    """Whether an image is so long and thin that a network which sees all of it sees nothing."""
+    return max(width, height) > THIN * min(width, height)

@@ -1,6 +1,6 @@
 """A region as pixels, kept as the crop that holds it (never as a full-image stack)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,3 +24,10 @@ class Mask:
     def area(self) -> int:
         """Number of pixels."""
         return int(np.count_nonzero(self.bits))
+
+    def within(self, valid: NDArray[np.bool_] | None) -> "Mask":
+        """The mask without pixels that hold no data; `valid` (h, w) is that of the image, None: all do."""
+        if valid is None:
+            return self
+        rows, columns = self.bits.shape
+        return replace(self, bits=self.bits & valid[self.y0 : self.y0 + rows, self.x0 : self.x0 + columns])

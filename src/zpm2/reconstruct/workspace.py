@@ -16,6 +16,7 @@ from zpm2.io.keys import code, stamp
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
+from zpm2.reconstruct.photographs import as_png
 from zpm2.reconstruct.structure import find_structure
 
 IMAGES, CLAIM = "images", "reconstruct.json"
@@ -143,12 +144,17 @@ def _in_place(photographs: Sequence[Path], images: Path) -> bool:
 
 
 def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> None:
-    """The photographs in the workspace: hard links, copies where the file system has none."""
+    """The photographs in the workspace: hard links, copies where the file system has none; as PNG what COLMAP does not
+    read as we do."""
     for path, name in zip(photographs, names, strict=True):
         target = folder / name
         for parent in reversed(Path(name).parents[:-1]):
             made_folder(folder / parent)
         if not target.exists():
+            pixels = as_png(path)
+            if pixels is not None:
+                atomic_write(target, pixels)
+                continue
             try:
                 os.link(path.resolve(), target)
             except OSError:

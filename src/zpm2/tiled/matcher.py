@@ -8,17 +8,17 @@ from time import perf_counter
 from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
-from zpm2.errors import ConfigError, InputError
+from zpm2.errors import ConfigError
 from zpm2.features import PointMatcher
-from zpm2.io.images import MAX_PIXELS
+from zpm2.io.images import whole
 from zpm2.io.source import ImageLike, Source, opened
-from zpm2.model import Image
+from zpm2.model import Image, thin
 from zpm2.pipeline import PolygonMatcher
 from zpm2.regions import Progress
 from zpm2.result import MatchResult
 from zpm2.tiled.run import SIDES, Run
 
-LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles
+LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles, as it does for thin ones
 
 
 class TiledMatcher:
@@ -52,40 +52,46 @@ class TiledMatcher:
         """
         raster = self.config.raster
         with opened(left, right, raster.bands, raster.gsd) as sources:
-            least = _least(sources[0], self.config), _least(sources[1], self.config)
-            if self._in_tiles(sources):
-                run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
-                result = run.result()
-            else:
-                result = self._as_it_is(sources, least)
-            return result.with_gis_messages()
-
-    def _as_it_is(self, sources: tuple[Source, Source], least: tuple[float, float]) -> MatchResult:
-        """A small pair."""
-        start = perf_counter()
-        images = [_all(source, name) for source, name in zip(sources, SIDES, strict=True)]
-        seconds = perf_counter() - start
-        result = self._whole(*images)
-        sides = [replace(side, geo=s.geo) for side, s in zip((result.left, result.right), sources, strict=True)]
-        timings = {**result.timings, "read": result.timings["read"] + seconds}
-        result = replace(result, left=sides[0], right=sides[1], timings=timings)
-        return result.without_smaller(*least) if self.config.raster.min_area_m2 else result
-
-    def _in_tiles(self, sources: Sequence[Source]) -> bool:
-        mode = self.config.tiles.mode
-        return mode == "on" or (mode == "auto" and max(s.width * s.height for s in sources) > LARGE)
+            if not in_tiles(sources, self.config):
+                return match_whole(self._whole, sources, self.config)
+            least = _least_areas(sources, self.config)
+            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
+            return run.result().with_gis_messages()
 
 
-def _all(source: Source, name: str) -> Image:
-    if source.width * source.height > MAX_PIXELS:
-        raise InputError(
-            f"{name} image has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, --set tiles.mode=on"
-        )
-    return source.read()
+def in_tiles(sources: Sequence[Source], config: Config) -> bool:
+    """Whether a pair is matched in tiles."""
+    mode = config.tiles.mode
+    large = any(s.width * s.height > LARGE or thin(s.width, s.height) for s in sources)
+    return mode == "on" or (mode == "auto" and large)
+
+
+def match_whole(
+    match: Callable[[Image, Image], MatchResult], sources: tuple[Source, Source], config: Config
+) -> MatchResult:
+    """What `match` makes of both photographs, each as a whole, with where they lie on the ground."""
+    least = _least_areas(sources, config)
+    start = perf_counter()
+    left, right = (whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True))
+    seconds = perf_counter() - start
+    result = match(left, right)
+    timings = {"read": 0.0, **result.timings}
+    timings["read"] += seconds
+    result = replace(
+        result,
+        left=replace(result.left, geo=sources[0].geo),
+        right=replace(result.right, geo=sources[1].geo),
+        timings=timings,
+    ).with_gis_messages()
+    return result.without_smaller(*least) if config.raster.min_area_m2 else result
+
+
+def _least_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
+    """px^2, the smallest polygon of the left and the right photograph."""
+    return _least(sources[0], config), _least(sources[1], config)
 
 
 def _least(source: Source, config: Config) -> float:
-    """px^2, the smallest polygon of a photograph."""
     if not config.raster.min_area_m2:
         return config.segment.min_area
     if source.geo.gsd is None:

@@ -8,6 +8,7 @@ whole, in blocks (`blocks`): what a tile decided is not asked, so that a region 
 
 import contextlib
 import ctypes
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.config import Config
+from zpm2.config import Config, TilesConfig
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.protocol import PolygonSource
+from zpm2.errors import InputError
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
@@ -29,8 +31,9 @@ from zpm2.global_match.initial import AGREEING
 from zpm2.io.places import absolute
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
+from zpm2.io.values import MIN_SIDE
 from zpm2.messages import Note, about, split
-from zpm2.model import Image, Mask, PointMatches, Polygon, PolygonArrays, Side
+from zpm2.model import THIN, Image, Mask, PointMatches, Polygon, PolygonArrays, Side, thin
 from zpm2.pipeline import PolygonMatcher, explained
 from zpm2.regions import Clock, Progress, no_matches
 from zpm2.result import MatchResult
@@ -71,6 +74,7 @@ class Run:
     ) -> None:
         self.config, self.sources, self.least, self.progress = config, sources, least, progress
         self.messages: list[str] = []  # warnings, and notes (`messages`)
+        self.tiles = _square_enough(config.tiles, sources)
         quiet = _weights_only(progress)
         self.clock = Clock(quiet)
         with self.clock("load"):
@@ -84,6 +88,8 @@ class Run:
         self.whole = PolygonMatcher(tile_config, segmenter=asked, points=points, progress=quiet)
         once = replace(tile_config, points=replace(tile_config.points, look_again=False))
         self.tile = PolygonMatcher(once, segmenter=asked, points=points, progress=quiet)
+        far = replace(once, points=replace(once.points, max_size=max(max(s.width, s.height) for s in sources)))
+        self.points_only = PolygonMatcher(far, segmenter=_NoRegions(), points=points, progress=quiet)
         stages = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
         name = "/".join([*(segmenter.name for segmenter in segmenters), *([] if points is None else [points.name])])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
@@ -97,7 +103,7 @@ class Run:
         with self.clock("stitch"):
             stitched = self._regions(found)
         polygons = PolygonArrays(stitched[0].polygons), PolygonArrays(stitched[1].polygons)
-        gamma, side = config.local_match.gamma, config.tiles.size
+        gamma, side = config.local_match.gamma, self.tiles.size
         with self.clock("match"):
             forth = list(cells(polygons[0], points, side, config))
             back = list(cells(polygons[1], PointMatches(points.right, points.left, points.score), side, config))
@@ -144,7 +150,7 @@ class Run:
 
     def _tiles(self) -> list[Tile]:
         left, right = self.sources
-        layout, other = (windows.levels(source.width, source.height, self.config.tiles) for source in (left, right))
+        layout, other = (windows.levels(source.width, source.height, self.tiles) for source in (left, right))
         layout, other = _equally_many(layout, other), _equally_many(other, layout)
         total = sum(map(len, layout))
         found: list[Tile] = []
@@ -181,7 +187,8 @@ class Run:
                 return Partner((0, 0, *size), max(size) / max(left.width, left.height), 0.0)
         elif found is not None:
             width, height = found.window[2] - found.window[0], found.window[3] - found.window[1]
-            if min(width, height) < LEAST_SIDE * self._reduction(window) * max(1.0, found.scale):
+            least = min(LEAST_SIDE, min(self._shown(window)) / 2)
+            if min(width, height) < least * self._reduction(window) * max(1.0, found.scale):
                 return None
         return found
 
@@ -190,9 +197,9 @@ class Run:
         if there is None:
             return self._finished(name, (window, None), lambda looked_at: self._alone(level, looked_at))
         right = self.sources[1].width, self.sources[1].height
-        reduction, size = self._reduction(window), self.config.tiles.size
+        reduction, size = self._reduction(window), self.tiles.size
         if level == 0:
-            target, shown = there.window, reduced_size(there.window, windows.side(there.window) / size)
+            target, shown = there.window, self._shown(there.window)
         else:
             target, shown = framed(there, reduction, size, self.config.tiles.overlap, right)
         return self._finished(
@@ -215,12 +222,16 @@ class Run:
     ) -> Tile:
         with self.clock("read"):
             views = (
-                view(self.sources[0], left, reduced_size(left, self._reduction(left))),
-                view(self.sources[1], right, shown, turn),
+                view(self.sources[0], left, self._shown(left)),
+                view(self.sources[1], right, shown, 0.0 if thin(*shown) else turn),
             )
-        if not all(_has_data(each.image) for each in views):
+        images = views[0].image, views[1].image
+        if not all(_has_data(image) and min(image.width, image.height) >= MIN_SIDE for image in images):
             return self._apart(level, looked_at, views)
-        result = (self.tile if level else self.whole)(views[0].image, views[1].image)
+        matcher = self.tile if level else self.whole
+        if any(thin(image.width, image.height) for image in images):
+            matcher = self.points_only
+        result = matcher(*images)
         return tiles.of_pair(level, looked_at, views, result)
 
     def _alone(self, level: int, looked_at: Windows) -> Tile:
@@ -228,15 +239,14 @@ class Run:
         views: list[View | None] = []
         with self.clock("read"):
             for source, window in zip(self.sources, looked_at, strict=True):
-                size = None if window is None else reduced_size(window, self._reduction(window))
-                views.append(None if window is None or size is None else view(source, window, size))
+                views.append(None if window is None else view(source, window, self._shown(window)))
         return self._apart(level, looked_at, views)
 
     def _apart(self, level: int, looked_at: Windows, views: Sequence[View | None]) -> Tile:
         """The regions of windows that have nothing in common, where they are asked for."""
         start, found = perf_counter(), []
         for k, each in enumerate(views):
-            wanted = each is not None and self.config.tiles.outside and not self.given and _has_data(each.image)
+            wanted = each is not None and self.config.tiles.outside and not self.given and _can_be_segmented(each.image)
             found.append((each, self.tile.regions(each.image, SIDES[k])) if wanted and each is not None else None)
         return tiles.apart(level, looked_at, found, perf_counter() - start)
 
@@ -249,8 +259,16 @@ class Run:
             for k, window in enumerate(lonely)
         ]
 
+    def _shown(self, window: Window) -> tuple[int, int]:
+        """(width, height) px of the view of a window."""
+        return reduced_size(window, self._reduction(window))
+
     def _reduction(self, window: Window) -> float:
-        return max(1.0, windows.side(window) / self.config.tiles.size)
+        """px of the photograph per px of the view, which is as long as a tile; of a thin window it has as many px as an
+        overview, as it is looked at for points only."""
+        if thin(window[2] - window[0], window[3] - window[1]):
+            return max(1.0, math.sqrt(windows.area(window)) / OVERVIEW)
+        return max(1.0, windows.side(window) / self.tiles.size)
 
     # --- from tiles to photographs
 
@@ -263,7 +281,7 @@ class Run:
             more = coherent(PointMatches.join([tile.points for tile in of_level]), NOISE * side)
             if len(points) and len(more):
                 away, _ = cKDTree(points.left).query(more.left)
-                more = more[away > SPARSE * self.config.tiles.size]
+                more = more[away > SPARSE * self.tiles.size]
             points = PointMatches.join([points, more])
         return points[distinct(points, SAME_PX)] if len(points) else points
 
@@ -373,6 +391,24 @@ def _equally_many(levels: list[list[Window]], others: Sequence[object]) -> list[
 
 def _has_data(image: Image) -> bool:
     return image.valid is None or bool(image.valid.mean() > 0.01)
+
+
+def _can_be_segmented(image: Image) -> bool:
+    return _has_data(image) and not thin(image.width, image.height)
+
+
+def _square_enough(config: TilesConfig, sources: Sequence[Source]) -> TilesConfig:
+    """Tiles no longer than a segmenter can see, where a photograph is thin; `InputError` where it is so thin that there
+    is no view of all of it."""
+    long_ones = [source for source in sources if thin(source.width, source.height)]
+    for source in long_ones:
+        width, height = source.width, source.height
+        if min(width, height) < MIN_SIDE * max(1.0, math.sqrt(width * height) / OVERVIEW):
+            raise InputError(
+                f"{source.path or 'a photograph'} is {width} x {height} px, too long and thin: cut it in pieces"
+            )
+    shortest = min(min(source.width, source.height) for source in sources)
+    return replace(config, size=min(config.size, THIN // 2 * shortest)) if long_ones else config
 
 
 def _uncovered(window: Window, others: Sequence[Window]) -> float:

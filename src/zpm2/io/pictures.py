@@ -1,0 +1,193 @@
+"""Pictures read by Pillow, as a whole: files of every format that it knows, and its own pictures in memory."""
+
+import struct
+import threading
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.io import values
+from zpm2.messages import Note
+from zpm2.model import Image
+
+_EXIF_ORIENTATION = 274
+_BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
+_DAMAGE = (
+    OSError,
+    SyntaxError,
+    EOFError,
+    LookupError,
+    ValueError,
+    TypeError,
+    ArithmeticError,
+    struct.error,
+    zlib.error,
+)
+# PIL turns TIFF pages (and only those) by their orientation tag while it loads them; this turns them back
+_UNDO_ORIENTATION = {
+    2: PIL.Image.Transpose.FLIP_LEFT_RIGHT,
+    3: PIL.Image.Transpose.ROTATE_180,
+    4: PIL.Image.Transpose.FLIP_TOP_BOTTOM,
+    5: PIL.Image.Transpose.TRANSPOSE,
+    6: PIL.Image.Transpose.ROTATE_90,
+    7: PIL.Image.Transpose.TRANSVERSE,
+    8: PIL.Image.Transpose.ROTATE_270,
+}
+_pil_lock = threading.Lock()
+
+
+class UnknownFormat(InputError):
+    """A file that Pillow does not know."""
+
+
+def read_file(path: Path, what: str) -> Image:
+    """The first picture of a file, by the rules of `read_image`. `UnknownFormat` where Pillow does not know the format,
+    any other `InputError` for what it cannot unpack."""
+    with values.opened_file(path, what) as file, _pixel_limit(what):
+        picture = _opened(file, what)
+        deep = picture.mode in ("RGB", "RGBA", "RGBX", "LA") and ";16" in str(getattr(picture, "tile", ""))
+        pixels, notes, nodata = _unpacked(picture, what)
+    if deep:
+        pixels, notes = _deep_color(path, pixels, notes)
+    return values.to_image(pixels, what, str(path), notes, nodata=nodata)
+
+
+def from_picture(picture: PIL.Image.Image, what: str) -> Image:
+    """A picture in memory, by the rules of `read_image`."""
+    with _pixel_limit(what):
+        pixels, notes, nodata = _unpacked(picture, what)
+    return values.to_image(pixels, what, None, notes, nodata=nodata)
+
+
+def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
+    """(width, height) px as the file stores them, and the notes on its orientation and pages; None where Pillow does
+    not know the file. Nothing is unpacked."""
+    notes: list[str] = []
+    with _pil_lock, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="PIL")
+        before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
+        try:
+            with PIL.Image.open(path) as picture:
+                orientation = _orientation(picture, notes)
+                size = picture.size
+                if picture.format == "TIFF":
+                    size = picture.tag_v2[256], picture.tag_v2[257]  # type: ignore[attr-defined]
+                elif (pages := getattr(picture, "n_frames", 1)) > 1:
+                    notes.append(first_page_note(pages))
+        except _DAMAGE:
+            return None
+        finally:
+            PIL.Image.MAX_IMAGE_PIXELS = before
+    return size, notes if orientation == 1 else [*notes, _orientation_note(orientation)]
+
+
+def first_page_note(pages: int) -> str:
+    return f"Only the first of {pages} pictures in the file is used."
+
+
+def _opened(file: Any, what: str) -> PIL.Image.Image:
+    try:
+        return PIL.Image.open(file)
+    except PIL.UnidentifiedImageError as error:
+        raise UnknownFormat(str(values.unknown_format(what))) from error
+    except _DAMAGE as error:
+        raise values.damaged(what, error) from error
+
+
+def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[str], Any]:
+    """The pixels of a PIL picture with their own depth, in RGB(A) or grey; the notes on what was done to them; and the
+    value that means no data, None where there is none."""
+    notes: list[str] = []
+    try:
+        pages = getattr(picture, "n_frames", 1)
+        orientation = _orientation(picture, notes)
+        picture.load()
+    except _DAMAGE as error:
+        raise values.damaged(what, error) from error
+    tags: Any = getattr(picture, "tag_v2", {})
+    info, stored = dict(picture.info), picture.mode
+    if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
+        picture = picture.transpose(_UNDO_ORIENTATION[orientation])
+    if pages > 1:
+        notes.append(first_page_note(pages))
+    if orientation != 1:
+        notes.append(_orientation_note(orientation))
+    if picture.mode in ("P", "PA"):
+        notes.append(Note("The colour palette was expanded to RGB."))
+    keyed = picture.mode in ("1", "L", "P", "RGB") and "transparency" in info  # a colour means transparent
+    if keyed or picture.mode in ("LA", "La", "PA", "RGBa"):
+        if picture.mode == "1":
+            notes.append(Note("1-bit values became black and white."))
+        picture = picture.convert("RGBA")
+    elif picture.mode == "P":
+        picture = picture.convert("RGB")
+    elif picture.mode not in ("1", "L", "RGB", "RGBA", "I", "F") and not picture.mode.startswith("I;16"):
+        notes.append(Note(f"The colours were converted from {picture.mode} to RGB."))
+        try:
+            picture = picture.convert("RGB")
+        except ValueError as error:
+            raise InputError(f"{what} has colour model {picture.mode}: convert it to RGB first") from error
+    nodata = _number(tags.get(_GDAL_NODATA, info.get("transparency"))) if picture.mode == stored else None
+    return _signed(np.asarray(picture), tags), notes, nodata
+
+
+def _number(text: Any) -> float | None:
+    try:
+        return float(str(text).strip(" \0"))
+    except ValueError:
+        return None
+
+
+def _signed(pixels: NDArray[Any], tags: Any) -> NDArray[Any]:
+    """TIFF integers as what they are: PIL takes 8-bit ones for unsigned and 32-bit ones for signed."""
+    kind = tags.get(_SAMPLE_FORMAT, (1,))[0]
+    if kind == 2 and pixels.dtype == np.uint8:
+        return pixels.view(np.int8)
+    if kind == 1 and pixels.dtype == np.int32 and tags.get(_BITS, (0,))[0] == 32:
+        return pixels.view(np.uint32)
+    return pixels
+
+
+def _orientation_note(orientation: int) -> str:
+    return f"The EXIF orientation ({orientation}) is not applied; results are in the stored pixel frame."
+
+
+def _orientation(picture: PIL.Image.Image, notes: list[str]) -> int:
+    try:
+        value = picture.getexif().get(_EXIF_ORIENTATION, 1)
+    except _DAMAGE:
+        notes.append(Note("The EXIF data is damaged and was ignored."))
+        return 1
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def _deep_color(path: Path, pixels: NDArray[Any], notes: list[str]) -> tuple[NDArray[Any], list[str]]:
+    """16-bit colour with all its bits, which PIL cuts to the upper eight."""
+    found = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    if found is None or found.ndim != 3 or found.shape[2] not in (3, 4):
+        return pixels, [*notes, "16-bit colours were cut to their upper 8 bits."]
+    return found[..., [2, 1, 0, 3][: found.shape[2]]], notes
+
+
+@contextmanager
+def _pixel_limit(what: str) -> Iterator[None]:
+    """PIL's guard against decompression bombs set to our own limit, inside this block only."""
+    with _pil_lock, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="PIL")  # on metadata; what matters is an error or a note
+        warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
+        before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, values.MAX_PIXELS
+        try:
+            yield
+        except (PIL.Image.DecompressionBombError, PIL.Image.DecompressionBombWarning) as error:
+            raise values.too_large(what) from error
+        finally:
+            PIL.Image.MAX_IMAGE_PIXELS = before

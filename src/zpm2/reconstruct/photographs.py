@@ -1,0 +1,23 @@
+"""Photographs for COLMAP, which does not read all that we read, and not all of it alike."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zpm2.io.colmap import require_pycolmap
+from zpm2.io.images import read_image
+
+ALIKE = 2.0  # grey levels: two decoders of one JPEG differ by less on average
+
+
+def as_png(path: Path) -> bytes | None:
+    """The pixels of a photograph as PNG, black where there is no data; None where COLMAP sees the same in the file
+    itself, whose EXIF data it then has too. COLMAP knows a PNG whatever its file is called."""
+    image = read_image(path)
+    bitmap = require_pycolmap().Bitmap.read(str(path), True)
+    if bitmap is not None and image.valid is None and (bitmap.width, bitmap.height) == (image.width, image.height):
+        seen = np.asarray(bitmap.to_array())
+        if np.abs(seen.astype(np.int16) - image.rgb).mean() < ALIKE:
+            return None
+    return bytes(cv2.imencode(".png", cv2.cvtColor(image.rgb, cv2.COLOR_RGB2BGR))[1].tobytes())
