@@ -15,6 +15,7 @@ from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.global_match.chance import MIRRORED
 from zpm2.io.images import read_image
 from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
@@ -89,7 +90,7 @@ class PolygonMatcher:
             timings=clock.seconds,
             warnings=[
                 *found.warnings,
-                *_geometry_warnings(initial),
+                *geometry_warnings(initial),
                 *_placement_warnings(placement, config),
                 *no_matches(matches),
             ],
@@ -178,7 +179,7 @@ def _placement_warnings(placement: Placement, config: Config) -> list[str]:
     ]
 
 
-def _geometry_warnings(initial: InitialGeometry) -> list[str]:
+def geometry_warnings(initial: InitialGeometry) -> list[str]:
     found = []
     for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
         if isinstance(estimate, Failed):
@@ -186,6 +187,8 @@ def _geometry_warnings(initial: InitialGeometry) -> list[str]:
     if not initial.supported:
         found.append(
             "the photographs may not show the same scene: "
-            f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry"
+            f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry, which may be chance"
         )
+    if initial.mirrored:
+        found.append(MIRRORED)
     return found

@@ -24,7 +24,7 @@ from zpm2.detect.protocol import PolygonSource
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
-from zpm2.global_match.initial import AGREEING
+from zpm2.global_match.chance import MIRRORED
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
 from zpm2.model import Image, Mask, PointMatches, Polygon, PolygonArrays, Side
@@ -117,7 +117,9 @@ class Run:
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
-        if len(points) < AGREEING:
+        if initial.mirrored:
+            self.warnings.append(MIRRORED)
+        if not initial.supported:
             self.warnings.append(
                 f"the photographs may not show the same scene: only {len(points)} homologous points agree with their "
                 "neighbours"
