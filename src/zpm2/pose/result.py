@@ -31,7 +31,9 @@ MEANING = {
     "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
-DOUBTS = frozenset({"few_inliers", "few_regions", "ambiguous"})  # with which a pose may be quite another one
+DOUBTS = frozenset(
+    {"planar_scene", "few_inliers", "few_regions", "ambiguous"}
+)  # with which a pose may be quite another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ class Pose:
     @property
     def doubtful(self) -> bool:
         """Whether it may be another pose altogether: then nothing says how far off it is."""
-        return bool(self.alternatives) or not DOUBTS.isdisjoint(self.flags)
+        return not DOUBTS.isdisjoint(self.flags)
 
     @staticmethod
     def of(refined: Refined, seen: Degeneracy) -> "Pose":
