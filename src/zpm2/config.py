@@ -125,7 +125,7 @@ class PoseConfig:
     crop_size: int = 480  # px, side of a crop
     crop_points: int = 512  # per crop
     max_crops: int = 40  # of rectified crops, the surest matches first
-    inflation: float = 1.5  # of standard deviations, measured on pairs with known poses (docs/pose.md)
+    inflation: float = 1.8  # of standard deviations, measured on pairs with known poses (docs/pose.md)
     bucket: int = 0  # points kept in each of 8 x 8 cells of the left image, best first; 0: all
 
 

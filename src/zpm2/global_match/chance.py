@@ -20,10 +20,12 @@ from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
 APART = 16.0  # px, in both images: closer points count once; descriptors of networks are read from cells of 8 px
-MOST = 1000  # points that are paired anew, each with each other
+MOST = 1000  # points that are compared each with each other, evenly taken from more
 CHANCE = -8.0  # log10 of the expected number, above which a geometry is taken for chance; docs/confidence.md
-NEIGHBORS = 6  # of a point, whose motion tells whether the image around it is turned over
-FEWEST, OVER = 10, 0.75  # points, and share of them that are turned over, from which an image is mirrored
+NEIGHBORS = (
+    24  # of a point, whose motion tells whether the image around it is turned over; what moves at random cancels
+)
+FEWEST, OVER = 10, 0.5  # points, and share of them that are turned over, from which an image is mirrored
 TRIED = 20_000  # points that are looked at, evenly taken from more
 MIRRORED = "one of the photographs is mirrored: each shows the scene turned over in the other, as no two cameras see it"
 
@@ -51,15 +53,19 @@ def log_chance(matrix: Array, points: PointMatches, agree: NDArray[np.bool_], sa
 
 
 def is_mirrored(points: PointMatches, agree: NDArray[np.bool_]) -> bool:
-    """Whether around most of the points that `agree` (n,) the other image is turned over, as no two cameras see a
-    surface: the determinant of the local affine map, from the nearest points, is negative."""
+    """Whether around most of the points that `agree` (n,) the other image is turned over, as no two cameras see a scene.
+
+    Around a point is the nearer half of the others: matchers find pieces of a mirror image that are not turned over
+    themselves, and it is their order that tells. It is over where the determinant of the affine map is negative.
+    """
     some = points[agree]
     some = some[_apart(some)]
+    some = some[np.arange(0, len(some), len(some) // MOST + 1)]
     if len(some) < FEWEST:
         return False
-    _, near = cKDTree(some.left).query(some.left, k=NEIGHBORS + 1)
-    steps = [side[near[:, 1:]] - side[:, None] for side in (some.left, some.right)]
-    return bool((np.linalg.det(np.einsum("nki,nkj->nij", *steps)) < 0).mean() >= OVER)
+    _, near = cKDTree(some.left).query(some.left, k=len(some) // 2)
+    steps = [side[near] - side[:, None] for side in (some.left, some.right)]
+    return bool((np.linalg.det(np.einsum("nki,nkj->nij", *steps)) < 0).mean() > OVER)
 
 
 def _apart(points: PointMatches) -> NDArray[np.intp]:
