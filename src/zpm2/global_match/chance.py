@@ -20,7 +20,7 @@ from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
 APART = 16.0  # px, in both images: closer points count once; descriptors of networks are read from cells of 8 px
-MOST = 1000  # points that are compared each with each other, evenly taken from more
+MOST = 500  # points that are compared each with each other, evenly taken from more
 CHANCE = -8.0  # log10 of the expected number, above which a geometry is taken for chance; docs/confidence.md
 NEIGHBORS = (
     24  # of a point, whose motion tells whether the image around it is turned over; what moves at random cancels
@@ -53,7 +53,7 @@ def log_chance(matrix: Array, points: PointMatches, agree: NDArray[np.bool_], sa
 
 
 def is_mirrored(points: PointMatches, agree: NDArray[np.bool_]) -> bool:
-    """Whether around most of the points that `agree` (n,) the other image is turned over, as no two cameras see a scene.
+    """Whether around most of the points that `agree` (n,) the other image is turned over, as no camera sees a scene.
 
     Around a point is the nearer half of the others: matchers find pieces of a mirror image that are not turned over
     themselves, and it is their order that tells. It is over where the determinant of the affine map is negative.
@@ -64,8 +64,8 @@ def is_mirrored(points: PointMatches, agree: NDArray[np.bool_]) -> bool:
     if len(some) < FEWEST:
         return False
     _, near = cKDTree(some.left).query(some.left, k=len(some) // 2)
-    steps = [side[near] - side[:, None] for side in (some.left, some.right)]
-    return bool((np.linalg.det(np.einsum("nki,nkj->nij", *steps)) < 0).mean() > OVER)
+    here, there = (side[near] - side[:, None] for side in (some.left, some.right))
+    return bool((np.linalg.det(here.transpose(0, 2, 1) @ there) < 0).mean() > OVER)
 
 
 def _apart(points: PointMatches) -> NDArray[np.intp]:
