@@ -22,9 +22,6 @@ Array = NDArray[np.float64]
 APART = 16.0  # px, in both images: closer points count once; descriptors of networks are read from cells of 8 px
 MOST = 500  # points that are compared each with each other, evenly taken from more
 CHANCE = -8.0  # log10 of the expected number, above which a geometry is taken for chance; docs/confidence.md
-NEIGHBORS = (
-    24  # of a point, whose motion tells whether the image around it is turned over; what moves at random cancels
-)
 FEWEST, OVER = 10, 0.5  # points, and share of them that are turned over, from which an image is mirrored
 TRIED = 20_000  # points that are looked at, evenly taken from more
 MIRRORED = "one of the photographs is mirrored: each shows the scene turned over in the other, as no two cameras see it"

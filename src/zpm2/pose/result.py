@@ -26,14 +26,13 @@ SCHEMA = "zpm2-pose/1"
 MEANING = {
     "pure_rotation": "the camera only turned: there is no direction of translation",
     "planar_scene": "the scene is one plane: other poses may explain it as well (alternatives)",
-    "few_inliers": "so few points agree that it may be chance",
+    "few_inliers": "few points agree, or few of those that there are",
     "few_regions": "fewer than three matched regions hold points that agree",
     "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
-DOUBTS = frozenset(
-    {"planar_scene", "few_inliers", "few_regions", "ambiguous"}
-)  # with which a pose may be quite another one
+# with these a pose may be quite another one
+DOUBTS = frozenset({"planar_scene", "few_inliers", "few_regions", "ambiguous"})
 
 
 @dataclass(frozen=True, eq=False)
