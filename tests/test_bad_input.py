@@ -278,7 +278,7 @@ def check_unrelated(outcome: Outcome, document: Any) -> None:
     assert "warning: the photographs may not show the same scene" in outcome.err
     assert len(document["left"]["polygons"]) > 40
     assert len(document["matches"]) <= 0.15 * len(document["left"]["polygons"])
-    assert all(m["confidence"] < 0.8 for m in document["matches"])
+    assert all(m["confidence"] <= 0.1 for m in document["matches"])
 
 
 @pytest.mark.parametrize("values", [(0, 0), (128, 128), (255, 0)])

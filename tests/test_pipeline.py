@@ -231,6 +231,22 @@ def test_too_few_points_are_no_error(pair: Pair, count: int) -> None:
     assert len(found.left.polygons) > 30
 
 
+def test_a_mirrored_photograph_is_said(pair: Pair) -> None:
+    points = grid_points(0)
+    for right, said in ((points.right, 0), (points.right * [-1, 1] + [400, 0], 1)):
+        given = Given(PointMatches(points.left, right, points.score))
+        found = PolygonMatcher(SIFT, segmenter=regions(pair), points=given)(pair.left, pair.right)
+        assert sum("one of the photographs is mirrored" in warning for warning in found.warnings) == said
+
+
+def test_unrelated_points_leave_no_confidence(pair: Pair) -> None:
+    points = grid_points(0)
+    mixed = PointMatches(points.left, np.random.default_rng(0).permutation(points.right), points.score)
+    found = PolygonMatcher(SIFT, segmenter=regions(pair), points=Given(mixed))(pair.left, pair.right)
+    assert any("may not show the same scene" in warning for warning in found.warnings)
+    assert all(match.confidence <= 0.1 for match in found.matches)
+
+
 def test_no_regions_are_no_error(pair: Pair) -> None:
     for left, right, missing in (
         (Nothing(), Squares(), {"left"}),

@@ -128,6 +128,7 @@ class PoseConfig:
     crop_size: int = 480  # px, side of a crop
     crop_points: int = 512  # per crop
     max_crops: int = 40  # of rectified crops, the surest matches first
+    inflation: float = 1.8  # of standard deviations, measured on pairs with known poses (docs/pose.md)
     bucket: int = 0  # points kept in each of 8 x 8 cells of the left image, best first; 0: all
 
 
@@ -296,7 +297,7 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be at least 2, got {value}")
     if name == "pose.crop_size" and value < 32:
         raise ConfigError(f"{name} must be at least 32 px, got {value}")
-    if name in ("pose.noise_px", "cloud.step", "cloud.min_scale") and value == 0:
+    if name in ("pose.noise_px", "pose.inflation", "cloud.step", "cloud.min_scale") and value == 0:
         raise ConfigError(f"{name} must be above 0, got {value}")
     if name == "tiles.size" and value < 256:
         raise ConfigError(f"{name} must be at least 256 px, got {value}")

@@ -98,6 +98,14 @@ def signed_sampson_distance(fundamental: Array, left: Array, right: Array) -> Ar
     return np.asarray(e / np.sqrt(np.maximum((l2[:, :2] ** 2).sum(1) + (l1[:, :2] ** 2).sum(1), 1e-300)))
 
 
+def sampson_table(fundamental: Array, left: Array, right: Array) -> Array:
+    """(n, m) `sampson_distance` of each of n left points with each of m right points."""
+    l2 = homogeneous(left) @ fundamental.T
+    l1 = homogeneous(right) @ fundamental
+    squares = (l2[:, :2] ** 2).sum(1)[:, None] + (l1[:, :2] ** 2).sum(1)
+    return np.asarray(np.abs(l2 @ homogeneous(right).T) / np.sqrt(np.maximum(squares, 1e-300)))
+
+
 def fundamental_matrix(
     left: Array, right: Array, threshold: float, seed: int = 0
 ) -> tuple[Array, NDArray[np.bool_]] | Failed:

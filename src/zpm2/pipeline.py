@@ -15,6 +15,7 @@ from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.global_match.chance import MIRRORED
 from zpm2.io.images import read_image
 from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
@@ -81,7 +82,7 @@ class PolygonMatcher:
                 matches = self._match(found, initial, placement, candidates)
         sides, matches = found.sides(matches)
         sides = self._explained(sides, matches, initial)
-        said = [*found.messages, *_geometry_warnings(initial), *_placement_note(placement, config)]
+        said = [*found.messages, *geometry_warnings(initial), *_placement_note(placement, config)]
         warnings, notes = split([*said, *no_matches(matches)])
         return MatchResult(
             left=sides[0],
@@ -181,7 +182,7 @@ def _placement_note(placement: Placement, config: Config) -> list[str]:
     ]
 
 
-def _geometry_warnings(initial: InitialGeometry) -> list[str]:
+def geometry_warnings(initial: InitialGeometry) -> list[str]:
     found = []
     for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
         if isinstance(estimate, Failed):
@@ -189,6 +190,8 @@ def _geometry_warnings(initial: InitialGeometry) -> list[str]:
     if not initial.supported:
         found.append(
             "the photographs may not show the same scene: "
-            f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry"
+            f"{initial.agreeing} of {len(initial.points)} homologous points agree on one geometry, which may be chance"
         )
+    if initial.mirrored:
+        found.append(MIRRORED)
     return found

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from zpm2.result import MatchResult
 
 CENTERS = {"0.5": 0.5, "0": 0.0}
+NO_POSE = 3  # exit code where there is no pose; pose.json is written and says why
 
 
 def pose(
@@ -105,7 +106,8 @@ def pose(
     """Estimate the relative pose of two photographs from their matched polygons.
 
     Writes pose.json, and the files of zpm2 match where it matched. R and t take points of the left camera to the right
-    one: X_right = R X_left + t, t of unit length where no baseline is given.
+    one: X_right = R X_left + t, t of unit length where no baseline is given. The exit code is 3 where there is no pose;
+    pose.json then says why.
     """
     options = {"bands": bands, "device": device, "seed": seed, "estimator": estimator}
     config = configure(preset, config_file, settings, options)
@@ -154,6 +156,8 @@ def pose(
         found.save(out)
         progress("pose", 1.0)
     _report(found, matched, out, extra, quiet, as_json)
+    if isinstance(found.pose, Failed):
+        raise typer.Exit(NO_POSE)
 
 
 def _cameras(
@@ -252,9 +256,12 @@ def _report(
             print("R  " + "  ".join(f"{value: .6f}" for value in row))
         shift = found.translation
         print("t  " + ("none" if shift is None else "  ".join(f"{value: .6f}" for value in shift)))
-        sigma = found.pose.translation_sigma
-        print(
-            f"one standard deviation: {found.pose.rotation_sigma:.3f} degrees of R"
-            + (f", {sigma:.3f} degrees of the direction of t" if sigma is not None else "")
-        )
+        turned, moved = found.pose.rotation_sigma, found.pose.translation_sigma
+        if turned is None:
+            print("one standard deviation: not known, this may be quite another pose (see the warnings)")
+        else:
+            print(
+                f"one standard deviation: {turned:.3f} degrees of R"
+                + (f", {moved:.3f} degrees of the direction of t" if moved is not None else "")
+            )
     print(f"Written: {', '.join([str(out / 'pose.json'), *extra])}")

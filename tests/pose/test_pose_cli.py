@@ -1,5 +1,6 @@
 """`zpm2 pose` as people type it, on the rendered pair: what it writes, and one line for what it cannot use."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from rendered import Pair, Run
 
 from zpm2 import MatchResult
+from zpm2.model import PointMatches
 
 QUICK = ["--set", "pose.crops=off", "--device", "cpu"]
 
@@ -116,12 +118,32 @@ def test_it_matches_where_no_matches_are_given(
 def test_without_cameras_there_is_no_pose_but_a_result(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:
     """A rectified pair does not tell its focal length, and a PNG has no EXIF."""
     code, _, err = run("pose", pair.left, pair.right, "-o", tmp_path / "p", "--matches", matches, *QUICK)
-    assert code == 0
+    assert code == 3
     assert "no pose" in err
     assert "K guess" in err
     document = json.loads((tmp_path / "p" / "pose.json").read_text())
     assert document["pose"] is None
     assert document["fundamental"] is not None
+
+
+@pytest.mark.parametrize("how", ["unrelated", "mirrored"])
+def test_without_a_pose_the_exit_code_is_3(
+    how: str, pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path
+) -> None:
+    known = MatchResult.load(matches)
+    right = known.points.right * [-1, 1] + [400, 0]
+    if how == "unrelated":
+        right = np.random.default_rng(0).permutation(right)
+    changed = dataclasses.replace(known, points=PointMatches(known.points.left, right, known.points.score))
+    changed.save(tmp_path / "m")
+    words = ["--K", k, "--matches", tmp_path / "m", "--rectify", *QUICK]
+    code, text, err = run("pose", pair.left, pair.right, "-o", tmp_path / "p", *words)
+    assert code == 3
+    assert "standard deviation" not in text
+    assert ("mirrored" if how == "mirrored" else "chance") in err
+    document = json.loads((tmp_path / "p" / "pose.json").read_text())
+    assert document["pose"] is None
+    assert document["failed"] in err
 
 
 def test_a_guess_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) -> None:

@@ -4,10 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from views import angle, rotation, views
 
+from zpm2 import geometry
 from zpm2.pose.estimators import Motion
-from zpm2.pose.refine import Refined, refine
+from zpm2.pose.refine import Refined, blocks, refine
 
 PX = 1 / 700
 
@@ -55,3 +58,35 @@ def test_shared_errors_count_once() -> None:
     alone = refine(motion, left, right, np.arange(1000), PX)
     assert grouped.rotation_sigma == pytest.approx(once.rotation_sigma, rel=0.05)
     assert alone.rotation_sigma < 0.5 * once.rotation_sigma
+
+
+def test_it_is_as_sure_as_it_says_where_errors_are_alike_in_large_parts() -> None:
+    """A lens that the camera does not know moves neighbours alike; outliers and points that are kept for their fit do
+    not make it surer."""
+    ratios = []
+    for seed in range(20):
+        of = views(seed, n=600, noise=0.2, outliers=0.1)
+        rng = np.random.default_rng(seed)
+        left, right = of.rays
+        wave = rng.normal(0, 0.7 * PX, (3, 3, 2))[tuple(np.clip((left * 3 + 1.5).astype(int), 0, 2).T)]
+        motion = Motion(of.rotation, of.direction, np.ones(len(left), bool))
+        for _ in range(2):
+            near = geometry.sampson_distance(motion.essential, left, right + wave) < 5 * PX
+            found = refine(dataclasses.replace(motion, inliers=near), left, right + wave, blocks(left, 3), PX)
+            motion = found.motion
+        ratios.append([angle(motion.rotation, of.rotation) / found.rotation_sigma])
+        ratios[-1].append(angle(motion.translation, of.direction) / found.translation_sigma)
+    assert (np.array(ratios) < 1).mean() > 0.4
+    assert (np.array(ratios) < 3).mean() > 0.9
+
+
+@given(st.integers(0, 200), st.integers(1, 5), st.integers(0, 10**6))
+def test_blocks_are_of_like_size_and_hang_together(n: int, along: int, seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(n, 2))
+    block = blocks(points, along)
+    count = np.bincount(block, minlength=along**2)
+    assert count.sum() == n
+    assert np.ptp(count) <= 2
+    for column in range(along - 1):
+        here, next_ = (points[block // along == k, 0] for k in (column, column + 1))
+        assert not len(here) or not len(next_) or here.max() <= next_.min()

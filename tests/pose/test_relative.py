@@ -13,6 +13,7 @@ from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import PointMatches
 from zpm2.pose import Pose, PoseFinder, PoseResult
+from zpm2.pose.points import Correspondences
 
 PLAIN = Config(pose=PoseConfig(crops="off"))
 
@@ -99,6 +100,67 @@ def test_two_motions_are_ambiguous() -> None:
     result = found(dataclasses.replace(one, points=both), Config(pose=PoseConfig(crops="off", points="all")))
     assert "ambiguous" in pose_of(result).flags
     assert any("another pose" in text for text in result.all_warnings())
+
+
+@pytest.mark.parametrize("points", ["regions", "all"])
+@pytest.mark.parametrize("estimator", ["opencv", "poselib"])
+@pytest.mark.parametrize("n", [30, 100, 300])
+def test_unrelated_photographs_have_no_pose(n: int, estimator: str, points: str) -> None:
+    """As many points as you like: what agrees is chance."""
+    pytest.importorskip("poselib")
+    result = found(views(n, n=n, outliers=1.0), Config(pose=PoseConfig(estimator, points=points, crops="off")))  # type: ignore[arg-type]
+    assert isinstance(result.pose, Failed)
+    document = result.to_dict()
+    assert document["pose"] is None
+    assert document["failed"]
+    assert any(text.startswith("no pose: ") for text in result.all_warnings())
+
+
+def test_points_of_crops_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They agree because they were looked for where the matches put them."""
+    good, wrong = views(0), views(1, n=60, outliers=1.0)
+    region = np.zeros(len(good.points), np.intp)
+    local = Correspondences(good.points, region, np.ones(len(region), bool))
+    monkeypatch.setattr(PoseFinder, "gather", lambda *_: local)
+    result = found(dataclasses.replace(good, points=wrong.points))
+    assert isinstance(result.pose, Failed)
+    assert "may be chance" in result.pose.reason
+
+
+@pytest.mark.parametrize("scene", ["deep", "plane"])
+@pytest.mark.parametrize("turned", [0, 90, 180])
+def test_a_mirrored_photograph_has_no_pose(scene: str, turned: int) -> None:
+    of = views(0, noise=0.3, scene=scene, turn=rotation(0, 0, turned), shift=(-0.5, 0.1, 0.0))
+    assert not isinstance(found(of).pose, Failed)
+    right = of.points.right * [-1, 1] + [SIZE[0], 0]
+    result = found(dataclasses.replace(of, points=PointMatches(of.points.left, right, of.points.score)))
+    assert isinstance(result.pose, Failed)
+    assert "mirrored" in result.pose.reason
+
+
+def test_a_doubtful_pose_has_no_sigma() -> None:
+    """Flags that say that it may be another pose, and a small sigma, never stand together."""
+    whole = views(0, noise=0.2)
+    half = dataclasses.replace(matched(whole), matches=matched(whole).matches[:2])
+    few = pose_of(PoseFinder(Config(pose=PoseConfig(crops="off", points="all")))(half, whole.cameras))
+    plane = pose_of(found(views(0, noise=0.2, scene="plane")))
+    for pose in (few, plane):
+        assert pose.doubtful
+        assert pose.rotation_sigma is pose.translation_sigma is pose.covariance is None
+    assert few.flags == ("few_regions",)
+    assert "planar_scene" in plane.flags
+    sound = pose_of(found(whole))
+    assert not sound.doubtful
+    assert sound.rotation_sigma is not None
+    assert sound.covariance is not None
+
+
+def test_sigmas_are_inflated_by_what_was_measured() -> None:
+    of = views(0, noise=0.3)
+    plain, twice = (pose_of(found(of, Config(pose=PoseConfig(crops="off", inflation=f)))) for f in (1.0, 2.0))
+    assert plain.rotation_sigma is not None
+    assert twice.rotation_sigma == pytest.approx(2 * plain.rotation_sigma)
+    assert np.allclose(plain.rotation, twice.rotation)
 
 
 def test_a_plane_is_flagged() -> None:

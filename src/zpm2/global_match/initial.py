@@ -1,6 +1,7 @@
 """Initial matching (paper 3.3.1): F first, then H from the points near their epipolar lines."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +9,8 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
+from zpm2.global_match.chance import CHANCE, is_mirrored, log_chance
 from zpm2.model import PointMatches
-
-AGREEING, AGREEING_SHARE = 20, 0.15  # points, and share of them, from which a geometry is believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,22 @@ class InitialGeometry:
         """How many points agree on one epipolar geometry; 0 where there is none."""
         return 0 if isinstance(self.fundamental, Failed) else int(self.consistent.sum())
 
+    @cached_property
+    def chance(self) -> float:
+        """log10 of how many epipolar geometries as good as F are expected by chance; 0 where there is no F."""
+        if isinstance(self.fundamental, Failed) or not len(self.points):
+            return 0.0
+        return log_chance(self.fundamental, self.points, self.consistent, sample=7, models=3)
+
     @property
     def supported(self) -> bool:
-        """Whether enough points agree to believe that both photographs show the same scene: F fits a few points of any
-        two photographs."""
-        return self.agreeing >= max(AGREEING, AGREEING_SHARE * len(self.points))
+        """Whether the points agree better than by chance, so that both photographs show the same scene."""
+        return self.chance <= CHANCE
+
+    @cached_property
+    def mirrored(self) -> bool:
+        """Whether one of the photographs is a mirror image of what a camera sees."""
+        return self.supported and is_mirrored(self.points, self.consistent)
 
 
 def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> InitialGeometry:

@@ -7,7 +7,7 @@ Array = NDArray[np.float64]
 
 # Logistic weights of: intercept, overlap of the rectified shapes, log(1 + DSF), texture correlation, area ratio.
 WEIGHTS = np.array([-3.4, 3.4, 0.46, 3.0, 1.8])
-UNSUPPORTED = 0.5  # factor where the two photographs may not show the same scene
+UNSUPPORTED = 0.1  # factor where the points agree no better than by chance: then the photographs show different scenes
 
 
 def confidence(overlap: Array, dsf: NDArray[np.int64], texture: Array, area_ratio: Array) -> Array:

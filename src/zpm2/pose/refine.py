@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from zpm2 import geometry
 from zpm2.pose.estimators import Motion
 
 Array = NDArray[np.float64]
+STEPS = 30  # of the refinement, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,44 +33,85 @@ class Refined:
 
 
 def refine(motion: Motion, left: Array, right: Array, group: NDArray[np.intp], threshold: float) -> Refined:
-    """`motion` moved to the least sum of Cauchy-weighted squared Sampson distances of its inliers.
+    """`motion` moved to the least sum of robustly weighted squared Sampson distances of its inliers.
 
-    Rays (n, 2) of the points that the motion was estimated from, `threshold` (same units) the scale of the weights.
-    The covariance is the robust (sandwich) one for correlated observations, clustered by `group` (n,): the points of
-    one region share the errors of its surface and its texture, so regions are counted, not points (Liang and Zeger,
-    Biometrika 1986).
+    Rays (n, 2) of the points that the motion was estimated from, `threshold` (same units) the scale of the weights,
+    which are those of Geman and McClure: a far point counts for nothing, so it matters little which ones are given. The
+    points should reach well beyond the threshold: to keep only what fits, and to ask that how well it fits, makes an
+    estimate look surer than it is.
+
+    The covariance is that of leaving out one `group` (n,) after the other, in one Newton step each (the jackknife, CR3
+    of Bell and McCaffrey, Survey Methodology 2002): the points of a group share their errors, so groups are counted,
+    not points.
     """
     rows = np.flatnonzero(motion.inliers)
     left, right, group = left[rows], right[rows], group[rows]
-    tangent = _tangent(motion.translation)
-
-    def moved(x: Array) -> tuple[Array, Array]:
-        turn, _ = cv2.Rodrigues(x[:3])
-        direction = motion.translation + tangent @ x[3:]
-        return turn @ motion.rotation, direction / np.linalg.norm(direction)
-
-    def residual(x: Array) -> Array:
-        rotation, translation = moved(x)
-        return geometry.signed_sampson_distance(geometry.cross_matrix(translation) @ rotation, left, right) / threshold
-
-    found = least_squares(residual, np.zeros(5), jac="3-point", loss="cauchy", x_scale=1e-3, max_nfev=50)
-    rotation, translation = moved(found.x)
-    error = residual(found.x)
-    jacobian = _jacobian(residual, found.x)
-    push = error / (1 + error**2)  # psi of the Cauchy loss, and its derivative
-    bend = np.maximum((1 - error**2) / (1 + error**2) ** 2, 0.0)
-    normal = np.linalg.pinv(jacobian.T @ (bend[:, None] * jacobian), rcond=1e-12)
-    _, cluster = np.unique(group, return_inverse=True)
-    score = np.zeros((cluster.max() + 1, 5))
-    np.add.at(score, cluster, push[:, None] * jacobian)
-    few = len(score) / max(len(score) - 1, 1)
-    covariance = few * normal @ (score.T @ score) @ normal
-    return Refined(Motion(rotation, translation, motion.inliers), np.asarray(covariance))
+    rotation, translation = motion.rotation, motion.translation
+    for _ in range(STEPS):
+        residual = _residual(rotation, translation, left, right, threshold)
+        error, jacobian = residual(np.zeros(5)), _jacobian(residual)
+        weight = 1 / (1 + error**2) ** 2
+        normal = jacobian.T @ (weight[:, None] * jacobian)
+        step = np.asarray(np.linalg.lstsq(normal, -jacobian.T @ (weight * error), rcond=1e-12)[0], np.float64)
+        rotation, translation = _moved(rotation, translation, step)
+        if np.linalg.norm(step) < 1e-9:
+            break
+    residual = _residual(rotation, translation, left, right, threshold)
+    covariance = _covariance(residual(np.zeros(5)), _jacobian(residual), group)
+    return Refined(Motion(rotation, translation, motion.inliers), covariance)
 
 
-def _jacobian(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
-    """(n, k) derivatives of n values by k parameters, without the loss that `least_squares` puts into its own."""
-    columns = [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))]
+def blocks(points: Array, along: int) -> NDArray[np.intp]:
+    """(n,) which of `along` x `along` blocks of like many points each point is in: columns, each cut into rows.
+
+    What is wrong with a camera, a lens or a matcher is wrong in large parts of an image alike. The blocks are as large
+    as they can be, if there are to be enough of them to compare.
+    """
+    n, column = len(points), np.empty(len(points), np.intp)
+    column[np.argsort(points[:, 0], kind="stable")] = np.arange(n) * along // max(n, 1)
+    order = np.lexsort((points[:, 1], column))
+    rank = np.arange(n) - np.searchsorted(column[order], column[order])
+    block = np.empty(n, np.intp)
+    block[order] = column[order] * along + rank * along // np.bincount(column, minlength=along)[column[order]]
+    return block
+
+
+def _covariance(error: Array, jacobian: Array, group: NDArray[np.intp]) -> Array:
+    """(5, 5) of residuals (n,) in thresholds and their derivatives (n, 5)."""
+    slope = error / (1 + error**2) ** 2  # of the loss, and how it changes
+    bend = (1 - 3 * error**2) / (1 + error**2) ** 3
+    _, member = np.unique(group, return_inverse=True)
+    count = int(member.max()) + 1
+    pull, normal = np.zeros((count, 5)), np.zeros((count, 5, 5))
+    np.add.at(pull, member, slope[:, None] * jacobian)
+    np.add.at(normal, member, bend[:, None, None] * jacobian[:, :, None] * jacobian[:, None])
+    without = np.linalg.pinv(normal.sum(0) - normal, rcond=1e-12, hermitian=True)
+    moves = np.einsum("gij,gj->gi", without, pull)
+    return np.asarray((count - 1) / count * moves.T @ moves)
+
+
+def _moved(rotation: Array, translation: Array, by: Array) -> tuple[Array, Array]:
+    """A pose moved by three angles about the right camera's axes and two of the direction of t."""
+    turn, _ = cv2.Rodrigues(by[:3])
+    direction = translation + _tangent(translation) @ by[3:]
+    return turn @ rotation, direction / np.linalg.norm(direction)
+
+
+def _residual(
+    rotation: Array, translation: Array, left: Array, right: Array, threshold: float
+) -> Callable[[Array], Array]:
+    """Signed Sampson distances (n,) in thresholds, as a function of how the pose is moved."""
+
+    def residual(by: Array) -> Array:
+        turn, shift = _moved(rotation, translation, by)
+        return geometry.signed_sampson_distance(geometry.cross_matrix(shift) @ turn, left, right) / threshold
+
+    return residual
+
+
+def _jacobian(function: Callable[[Array], Array], step: float = 1e-6) -> Array:
+    """(n, 5) derivatives of n values by how the pose is moved."""
+    columns = [(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(5)]
     return np.stack(columns, axis=1)
 
 

@@ -11,19 +11,23 @@ from zpm2 import geometry
 from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
-from zpm2.model import Camera, Image, PolygonArrays
+from zpm2.global_match import initial_geometry
+from zpm2.global_match.chance import CHANCE, MIRRORED, log_chance
+from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
-from zpm2.pose.estimators import ENOUGH, Motion, PoseEstimator, open_estimator
+from zpm2.pose.estimators import Motion, PoseEstimator, open_estimator
 from zpm2.pose.focal import focal_from_points
 from zpm2.pose.intrinsics import centred
 from zpm2.pose.points import Correspondences, cell_of, region_of, spread, union
-from zpm2.pose.refine import Refined, refine
+from zpm2.pose.refine import Refined, blocks, refine
 from zpm2.pose.result import Pose, PoseResult
 from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
 CELLS = 8  # along each side of the left image: the places of points without a region, and the buckets of `spread`
 JUDGED = 5  # points from which a region is judged as a whole
+REACH = 5.0  # thresholds, within which points take part in the refinement
+BLOCKS = 3  # along each side of the left image, that errors of the pose are told from
 AGREE = 0.3  # share of a region's points that must agree with the pose
 
 
@@ -56,11 +60,15 @@ class PoseFinder:
         start = perf_counter()
         found: tuple[Camera, Camera] | Failed = cameras or self._estimated_cameras(result)
         pose: Pose | Failed
-        if isinstance(found, Failed):
+        inliers, rejected = np.zeros(len(chosen), bool), np.zeros(0, np.intp)
+        if initial_geometry(result.points, self.config.global_match, seed).mirrored:
+            pose = Failed(f"{MIRRORED}: mirror it back")
+        elif isinstance(found, Failed):
             pose = Failed(f"the cameras are not known: {found}; give K, or K guess")
-            inliers, rejected = np.zeros(len(chosen), bool), np.zeros(0, np.intp)
         else:
             pose, inliers, rejected = self.estimate(chosen, found)
+            if not isinstance(pose, Failed):
+                pose = self._proven(pose, result.points, found, self._threshold(found))
         seconds["pose"] = perf_counter() - start
         if options.estimator == "auto" and self.estimator.name == "opencv":
             warnings.append("poselib is not installed, OpenCV estimates the pose, less exactly: pip install poselib")
@@ -130,7 +138,7 @@ class PoseFinder:
     ) -> tuple[Pose | Failed, NDArray[np.bool_], NDArray[np.intp]]:
         """The pose, the (n,) inliers, and the regions (rows of matched pairs) that were rejected."""
         seed = self.config.seed if seed is None else seed
-        threshold = self._noise(cameras) / float(np.sqrt(cameras[0].focal * cameras[1].focal))
+        threshold = self._threshold(cameras)
         sides = chosen.points.left, chosen.points.right
         left, right = (camera.rays(points) for camera, points in zip(cameras, sides, strict=True))
 
@@ -153,17 +161,46 @@ class PoseFinder:
                 rejected = rejected[:0]
             else:
                 motion = again
-        places = places_of(chosen, cameras[0].size)
-        refined = refine(motion, left, right, places, threshold)
-        near = geometry.sampson_distance(refined.motion.essential, left, right) <= threshold
-        near &= ~np.isin(chosen.region, rejected)
-        if near.sum() >= ENOUGH:  # what it left out or took in wrongly
-            refined = refine(dataclasses.replace(refined.motion, inliers=near), left, right, places, threshold)
+        refined = self._refined(motion, left, right, ~np.isin(chosen.region, rejected), threshold)
         refined = _with_inliers(refined, left, right, chosen, rejected, threshold)
+        places = places_of(chosen, cameras[0].size)
         seen = degeneracy.examine(refined.motion, left, right, places, refined.translation_sigma, threshold, seed)
         seen = seen.beside(self._rival(refined.motion, left, right, threshold, seed), int(refined.motion.inliers.sum()))
         inliers = refined.motion.inliers if seen.turned is None else seen.turned
         return Pose.of(refined, seen), inliers, rejected
+
+    def _refined(
+        self, motion: Motion, left: Array, right: Array, usable: NDArray[np.bool_], threshold: float
+    ) -> Refined:
+        """Refined on the `usable` points that are anywhere near, and once more on those near the refined pose."""
+        parts = blocks(left, BLOCKS)
+        for _ in range(2):
+            near = geometry.sampson_distance(motion.essential, left, right) <= REACH * threshold
+            refined = refine(dataclasses.replace(motion, inliers=near & usable), left, right, parts, threshold)
+            motion = refined.motion
+        return dataclasses.replace(refined, covariance=self.config.pose.inflation**2 * refined.covariance)
+
+    def _proven(
+        self, pose: Pose, points: PointMatches, cameras: tuple[Camera, Camera], threshold: float
+    ) -> Pose | Failed:
+        """`pose`, if more of the points of the whole images agree on it than on poses of unrelated photographs.
+
+        Points of crops prove nothing: they were looked for where the matches put them.
+        """
+        focal = float(np.sqrt(cameras[0].focal * cameras[1].focal))
+        left, right = (camera.rays(side) for camera, side in zip(cameras, (points.left, points.right), strict=True))
+        across = np.array([1.0, 0.0, 0.0]) if pose.translation is None else pose.translation  # a turn fits any t
+        essential = geometry.cross_matrix(across) @ pose.rotation
+        agree = geometry.sampson_distance(essential, left, right) <= degeneracy.NOISE * threshold
+        unit = np.diag([1 / focal, 1 / focal, 1.0])
+        flat = PointMatches(left * focal, right * focal, points.score)
+        chance = log_chance(unit @ essential @ unit, flat, agree, sample=5, models=10)
+        if chance <= CHANCE:
+            return pose
+        return Failed(
+            f"the photographs may not show the same scene: {int(agree.sum())} of {len(points)} homologous points agree "
+            "on the best pose, which may be chance"
+        )
 
     def _rival(self, motion: Motion, left: Array, right: Array, threshold: float, seed: int) -> int:
         """How many of the points that are far from agreeing with `motion` agree on another pose."""
@@ -174,10 +211,12 @@ class PoseFinder:
         distance = geometry.sampson_distance(other.essential, left[far], right[far])
         return int((distance <= degeneracy.NOISE * threshold).sum())
 
-    def _noise(self, cameras: tuple[Camera, Camera]) -> float:
-        """px: the noise of a point, which grows with the px of the image per px of the frame that it was found in."""
+    def _threshold(self, cameras: tuple[Camera, Camera]) -> float:
+        """The noise of a point in units of rays. It grows with the px of the image per px of the frame that the point
+        was found in."""
         longest = max(max(camera.size) for camera in cameras)
-        return self.config.pose.noise_px * max(1.0, longest / self.config.points.max_size)
+        noise = self.config.pose.noise_px * max(1.0, longest / self.config.points.max_size)
+        return noise / float(np.sqrt(cameras[0].focal * cameras[1].focal))
 
     def _estimated_cameras(self, result: MatchResult) -> tuple[Camera, Camera] | Failed:
         """Both cameras with the focal length that the points tell."""

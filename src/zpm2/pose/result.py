@@ -29,11 +29,13 @@ NAME = "pose.json"
 MEANING = {
     "pure_rotation": "the camera only turned: there is no direction of translation",
     "planar_scene": "the scene is one plane: other poses may explain it as well (alternatives)",
-    "few_inliers": "so few points agree that it may be chance",
+    "few_inliers": "few points agree, or few of those that there are",
     "few_regions": "fewer than three matched regions hold points that agree",
     "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
+# with these a pose may be quite another one
+DOUBTS = frozenset({"planar_scene", "few_inliers", "few_regions", "ambiguous"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +44,11 @@ class Pose:
 
     rotation: Array  # (3, 3)
     translation: Array | None  # (3,) of unit length; None where the camera only turned
-    rotation_sigma: float  # degrees, one standard deviation
-    translation_sigma: float | None  # degrees, of the direction
-    covariance: Array  # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
+    rotation_sigma: float | None  # degrees, one standard deviation; None where `doubtful`
+    translation_sigma: float | None  # degrees, of the direction; None where `doubtful` or where there is none
+    covariance: (
+        Array | None
+    )  # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
     flags: tuple[str, ...] = ()  # what speaks against it, see `MEANING`
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t that explain a planar scene as well
 
@@ -62,11 +66,16 @@ class Pose:
             return None
         return geometry.cross_matrix(self.translation) @ self.rotation
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether it may be another pose altogether: then nothing says how far off it is."""
+        return not DOUBTS.isdisjoint(self.flags)
+
     @staticmethod
     def of(refined: Refined, seen: Degeneracy) -> "Pose":
         """The refined motion with what its points cannot tell taken out."""
         turned = seen.rotation_only
-        return Pose(
+        pose = Pose(
             rotation=refined.motion.rotation if turned is None else turned,
             translation=refined.motion.translation if turned is None else None,
             rotation_sigma=refined.rotation_sigma,
@@ -75,6 +84,9 @@ class Pose:
             flags=seen.flags,
             alternatives=seen.alternatives,
         )
+        if not pose.doubtful:
+            return pose
+        return dataclasses.replace(pose, rotation_sigma=None, translation_sigma=None, covariance=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +195,7 @@ class PoseResult:
             "essential": None if essential is None else essential.tolist(),
             "rotation_sigma_deg": pose.rotation_sigma,
             "translation_sigma_deg": pose.translation_sigma,
-            "covariance_rad2": pose.covariance.tolist(),
+            "covariance_rad2": None if pose.covariance is None else pose.covariance.tolist(),
             "flags": list(pose.flags),
             "alternatives": [{"rotation": r.tolist(), "translation": t.tolist()} for r, t in pose.alternatives],
         }

@@ -27,7 +27,7 @@ from zpm2.errors import InputError
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
 from zpm2.global_match import initial_geometry
-from zpm2.global_match.initial import AGREEING
+from zpm2.global_match.chance import MIRRORED
 from zpm2.io.places import absolute
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
@@ -127,7 +127,9 @@ class Run:
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
             sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
-        if len(points) < AGREEING:
+        if initial.mirrored:
+            self.messages.append(MIRRORED)
+        if not initial.supported:
             self.messages.append(
                 f"the photographs may not show the same scene: only {len(points)} homologous points agree with their "
                 "neighbours"
