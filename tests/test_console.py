@@ -1,13 +1,17 @@
 """What the commands share: interrupts, lines without a terminal."""
 
+import contextlib
 import io
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from zpm2.console import Interrupted, fresh_folder, goes_on, lines, one_of
+from zpm2.console import Interrupted, fresh_folder, lines, one_of
+from zpm2.io.files import atomic_write
+from zpm2.io.record import made_folder
 
 
 def stopped(*places: object) -> str:
@@ -24,16 +28,23 @@ def enter(places: list) -> None:
         enter(places[1:])
 
 
+@contextlib.contextmanager
+def making(out: Path) -> Iterator[None]:
+    """A run that has finished a pair."""
+    atomic_write(made_folder(out / "pairs") / "matches.json", "{}")
+    yield
+
+
 def test_an_interrupt_says_what_stays_and_what_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert stopped(fresh_folder(out)) == "interrupted; nothing was written"
     assert not out.exists()
     out.mkdir()
     assert stopped(fresh_folder(out)) == "interrupted; nothing was written"
-    (out / "pairs").mkdir()
-    assert stopped(fresh_folder(out), goes_on("matched pairs stay")) == (
-        f"interrupted; matched pairs stay, and the same command goes on from there; what was finished stays in {out}"
-    )
+    made = f"interrupted; what was finished stays in {out}"
+    assert stopped(fresh_folder(out), making(out)) == made
+    kept = f"interrupted; what is finished is kept in {out / 'pairs'}: run the same command again to go on"
+    assert stopped(fresh_folder(out, names=["pairs"], kept="pairs"), making(out)) == kept
 
 
 def test_other_ends_leave_no_empty_folder(tmp_path: Path) -> None:

@@ -360,6 +360,16 @@ def test_no_reference_system_is_one_of_pixels(tmp_path):
     assert ids(source(write(tmp_path / "a.geojson", collection(feature(0, id=3), crs=None)))) == [3]
 
 
+@pytest.mark.parametrize("min_area", [0.0, 1e-12, 100.0])
+def test_degrees_are_no_pixels_though_they_lie_in_the_image(tmp_path, min_area):
+    """As in the GeoJSON that we write for georeferenced photographs, RFC 7946."""
+    one = feature(0)
+    one["geometry"]["coordinates"] = [box(9.0, 30.0, 9.001, 30.001)]
+    segmenter = PrecomputedSegmenter(write(tmp_path / "a.geojson", collection(one)), min_area=min_area)
+    with pytest.raises(InputError, match="check that its coordinates are pixels"):
+        segmenter.polygons(IMAGE)
+
+
 # --- whose regions they are
 
 

@@ -130,6 +130,21 @@ def test_ids_and_properties_of_given_regions(tmp_path, form):
         assert len(fields) == len(FIELDS) + 1 + len({name for row in GIVEN for name in row})
 
 
+@pytest.mark.parametrize("count", [150, 300, 2100])
+def test_more_properties_than_a_format_holds(tmp_path, count):
+    """The first ones are there, under names of their own, and that some are missing is said."""
+    names = [f"Straße und Hausnummer {k}" for k in range(count)]
+    given = layer(utm(), polygons=[dataclasses.replace(POLYGONS[0], properties=dict.fromkeys(names, 7))])
+    table = read(packed(tmp_path, given), "left")[2]
+    assert [name for name in table if name in names] == names[:1900]
+    shape = read(gis.write_shapefile(tmp_path, given))[2]
+    own = set(shape) - set(FIELDS)
+    assert len(own) == min(count, 230)
+    assert all(shape[name] == [7] and len(name.encode()) <= 10 for name in own)
+    said = f"left regions: of their {count} properties a shapefile has the first 230"
+    assert [note.startswith(said) for note in gis.notes([given])] == ([True] if count > 230 else [])
+
+
 def test_no_regions_were_given_no_column_says_so(tmp_path):
     assert "source_id" not in read(packed(tmp_path, layer(utm())), "left")[2]
 

@@ -86,10 +86,11 @@ class PrecomputedSegmenter:
             counts[f"under {self.min_area:g} px^2 left out"] += len(bodies) - len(enough)
             found += [_Piece(body, rank, region) for rank, body in enumerate(enough)]
         self.notes += [f"{counted(n, 'region')} {what}" for what, n in counts.items() if n]
-        if not found:
+        if max((piece.body.area for piece in found), default=0) < 1:  # whatever is asked for: these are degrees
             raise InputError(
-                f"{self.path} has no region of at least {self.min_area:g} px^2 in the {image.width} x {image.height} "
-                "px image: check that its coordinates are pixels of this image, or lower segment.min_area"
+                f"{self.path} has no region of at least {max(self.min_area, 1):g} px^2 in the {image.width} x "
+                f"{image.height} px image: check that its coordinates are pixels of this image, or lower "
+                "segment.min_area"
             )
         return found
 

@@ -91,7 +91,7 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
             parent=p["parent"],
             label=p.get("label"),
             source_id=p.get("source_id"),
-            properties=dict(p.get("properties", {})),
+            properties=_named(p.get("properties", {})),
         )
         for p in values["polygons"]
     ]
@@ -100,10 +100,15 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
         values.get("crs"),
         None if transform is None else np.array(transform, np.float64).reshape(2, 3),
         values.get("gsd"),
-        None if rpc is None else {str(name): value for name, value in dict(rpc).items()},
+        None if rpc is None else _named(rpc),
     )
     unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
     return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
+
+
+def _named(values: Any) -> dict[str, Any]:
+    """A JSON object."""
+    return {str(name): value for name, value in dict(values).items()}
 
 
 def _ring(values: Any) -> NDArray[np.float64]:

@@ -2,11 +2,12 @@
 
 import contextlib
 import errno
+import itertools
 import json
 import os
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from zpm2.model import PolygonArrays, PolygonMatch
 Array = NDArray[np.float64]
 
 GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
+GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
+MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
 RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
@@ -38,21 +41,35 @@ class _Table:
     columns: dict[str, NDArray[Any]]
     nulls: dict[str, NDArray[np.bool_]]
 
-    def with_properties(self, rows: Sequence[Mapping[str, Any]]) -> "_Table":
-        """And the properties that its n polygons were given with, each in a column of its own.
+    def with_properties(self, rows: Sequence[Mapping[str, Any]], driver: str) -> "_Table":
+        """And the properties that its n polygons were given with, each in a column of its own, as many as fit.
 
-        A name that is taken (formats do not tell upper from lower case) gets a prefix. Columns of truth values, of
-        whole numbers and of numbers stay so; all others are text, JSON where a value is none.
+        A name that is taken (formats do not tell upper from lower case) gets a prefix; where names are short, what is
+        cut alike gets a number. Columns of truth values, of whole numbers and of numbers stay so; all others are text,
+        JSON where a value is none.
         """
         columns, nulls = dict(self.columns), dict(self.nulls)
         taken = {*columns, "source_id", *RESERVED}
-        for name in dict.fromkeys(name for row in rows for name in row):
+        for name in property_names(rows)[: MOST_PROPERTIES[driver]]:
             column = "".join(letter if letter.isprintable() else " " for letter in name)
             while column.lower() in taken or not column:
                 column = PREFIX + column
+            if driver == SHAPEFILE:
+                shorts = (_cut(column, f"_{k}" if k else "") for k in itertools.count())
+                column = next(short for short in shorts if short.lower() not in taken)
             taken.add(column.lower())
             columns[column], nulls[column] = _column([row.get(name) for row in rows])
         return _Table(columns, nulls)
+
+
+def property_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The names of given properties, in the order in which they come."""
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def _cut(name: str, end: str) -> str:
+    """At most 10 bytes of a name, with `end`."""
+    return name.encode()[: 10 - len(end)].decode(errors="ignore") + end
 
 
 def require_pyogrio() -> Any:
@@ -88,8 +105,8 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
         temporary = folder / "a.gpkg"
         for layer in (left, right):
             srs = {"SRID": "-1"} if layer.crs is None else {}
-            _write(temporary, "GPKG", layer.name, _table(layer), world_shapes(layer), layer.crs, srs)
-        _write(temporary, "GPKG", "matches", _match_table(matches))
+            _write(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
+        _write(temporary, GPKG, "matches", _match_table(matches))
         for suffix in LOG_FILES:  # of the file that was there: SQLite would apply them to the new one
             discard(path.with_name(path.name + suffix))
         put(temporary, path)
@@ -105,7 +122,8 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     """
     target = Path(folder) / f"{layer.name}.shp"
     with _moved_into(target.parent, target) as temporary:
-        _write(temporary / target.name, "ESRI Shapefile", layer.name, _table(layer), world_shapes(layer), layer.crs)
+        table = _table(layer, SHAPEFILE)
+        _write(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs)
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
@@ -140,12 +158,18 @@ def messages(layers: Sequence[Layer]) -> list[str]:
             found.append(
                 f"{image}: its reference system has no longitude and latitude: {layer.name}.geojson is in image px"
             )
+        given = len(property_names(polygon.properties for polygon in layer.polygons))
+        if given > min(MOST_PROPERTIES.values()):
+            found.append(
+                f"{layer.name} regions: of their {given} properties a shapefile has the first "
+                f"{MOST_PROPERTIES[SHAPEFILE]} and a GeoPackage the first {MOST_PROPERTIES[GPKG]}; GeoJSON has all"
+            )
     if any(layer.crs is not None for layer in layers) and not has_pyogrio():
         found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
     return found
 
 
-def _table(layer: Layer) -> _Table:
+def _table(layer: Layer, driver: str) -> _Table:
     arrays = PolygonArrays(layer.polygons)
     polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
     partners = [layer.match_of.get(id) for id in ids]
@@ -168,7 +192,7 @@ def _table(layer: Layer) -> _Table:
     nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
     if any(polygon.source_id is not None for polygon in polygons):
         columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
-    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons])
+    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons], driver)
 
 
 def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
@@ -237,7 +261,7 @@ def _write(
             crs=crs,
             encoding="UTF-8",
             append=path.exists(),
-            dataset_options={"VERSION": GEOPACKAGE} if driver == "GPKG" else {},
+            dataset_options={"VERSION": GEOPACKAGE} if driver == GPKG else {},
             layer_options=dict(options or {}),
         )
 
