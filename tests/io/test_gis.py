@@ -142,7 +142,7 @@ def test_more_properties_than_a_format_holds(tmp_path, count):
     assert len(own) == min(count, 230)
     assert all(shape[name] == [7] and len(name.encode()) <= 10 for name in own)
     said = f"left regions: of their {count} properties a shapefile has the first 230"
-    assert [note.startswith(said) for note in gis.notes([given])] == ([True] if count > 230 else [])
+    assert [note.startswith(said) for note in gis.messages([given])] == ([True] if count > 230 else [])
 
 
 def test_no_regions_were_given_no_column_says_so(tmp_path):
