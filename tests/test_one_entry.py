@@ -64,7 +64,7 @@ def test_pose(pair: Pair, photographs: tuple[Path, Path], run: Run, tmp_path: Pa
     document = json.loads((tmp_path / "out" / "matches.json").read_text())
     assert document["config"]["raster"]["bands"] == [2, 3, 4]
     assert len(document["matches"]) > 30
-    assert "stretched to 8 bit" in " ".join(document["warnings"])
+    assert "stretched to 8 bit" in " ".join(document["notes"])
     rotation = np.array(json.loads((tmp_path / "out" / "pose.json").read_text())["pose"]["rotation"])
     assert np.degrees(np.arccos((np.trace(rotation) - 1) / 2)) < 0.5
 

@@ -42,6 +42,7 @@ def everything(folder: Path) -> MatchResult:
         config={"segment": {"min_area": 0.0}},
         timings={"read": 0.25},
         warnings=["said"],
+        notes=["done"],
         version="0.0.1",
         non_overlapping=True,
     )

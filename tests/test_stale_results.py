@@ -18,7 +18,7 @@ from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.evaluate import predictions
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.pipeline import PolygonMatcher
+from zpm2.tiled import TiledMatcher
 
 QUICK = ("--set", "points.methods=sift", "--device", "cpu")
 
@@ -29,7 +29,7 @@ class Counting:
     def __init__(self, pair: Pair) -> None:
         chosen = assign(preset("default"), ["points.methods=sift", "device=cpu"])
         sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-        self.matcher, self.asked = PolygonMatcher(chosen, segmenter=sides), 0
+        self.matcher, self.asked = TiledMatcher(chosen, segmenter=sides), 0
 
     def __call__(self, *words: object, **named: object) -> object:
         if len(words) != 2:
@@ -61,7 +61,7 @@ def test_pairs_of_a_cloud(
 ) -> None:
     pytest.importorskip("trimesh")
     counting = Counting(pair)
-    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher", counting)
+    monkeypatch.setattr("zpm2.tiled.TiledMatcher", counting)
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
     scene = pair.scene
     rig = ("--stereo", "--K", f"{scene.f},{scene.f},{scene.cx},{scene.cy}", "--baseline", 0.2)
@@ -170,7 +170,7 @@ def test_ctrl_c_says_what_is_kept_and_the_next_run_takes_it(
 ) -> None:
     out, tiles = tmp_path / "deep" / "out", tmp_path / "deep" / "out" / ".zpm2" / "tiles"
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.tiled.run.Run._given", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        patch.setattr("zpm2.tiled.run.Run._given", lambda *_: signal.raise_signal(signal.SIGINT))
         code, _, err = tiled(run, pair, out)
     assert code == 130
     said = f"zpm2: interrupted; what is finished is kept in {tiles}: run the same command again to go on"
@@ -180,7 +180,7 @@ def test_ctrl_c_says_what_is_kept_and_the_next_run_takes_it(
     assert number > 1
     code, _, err = tiled(run, pair, out)
     assert code == 0
-    assert f"{number} of {number} tiles were finished by an earlier run" in " ".join(MatchResult.load(out).warnings)
+    assert f"{number} of {number} tiles were finished by an earlier run" in " ".join(MatchResult.load(out).notes)
     assert not tiles.exists()
 
 
@@ -204,7 +204,7 @@ def test_tiles_of_other_region_files_are_not_taken(
 def test_ctrl_c_before_anything_is_finished_leaves_nothing(
     run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.pipeline.search_candidates", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr("zpm2.pipeline.search_candidates", lambda *_: signal.raise_signal(signal.SIGINT))
     code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "deep" / "out", *pair.regions)
     assert (code, "kept" in err) == (130, False)
     assert not (tmp_path / "deep").exists()

@@ -119,7 +119,7 @@ def test_scannet_half_there(tmp_path, missing):
         ("pose/10.txt", b"\xff\xfe\x00", "no readable text"),
         ("pose/10.txt", numbers(np.diag([2.0, 1, 1, 1])), "no rotation"),
         ("intrinsic/intrinsic_color.txt", numbers(np.zeros((4, 4))), "no calibration matrix"),
-        ("color/0.jpg", b"not a picture", "cannot be read"),
+        ("color/0.jpg", b"not a picture", "not a picture in a known format"),
     ],
 )
 def test_scannet_damaged(tmp_path, name, content, message):
