@@ -20,6 +20,7 @@ from zpm2.io.images import read_image
 from zpm2.io.source import ImageLike
 from zpm2.local_match import match_polygons
 from zpm2.local_match.carry import Carried, backwards, carry, forwards
+from zpm2.local_match.confidence import unsupported
 from zpm2.local_match.unmatched import reasons, visible
 from zpm2.messages import Note, split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
@@ -81,6 +82,7 @@ class PolygonMatcher:
                 placement, candidates = self._place(found, initial)
                 matches = self._match(found, initial, placement, candidates)
         sides, matches = found.sides(matches)
+        matches = matches if initial.supported else unsupported(matches)
         sides = self._explained(sides, matches, initial)
         said = [*found.messages, *geometry_warnings(initial), *_placement_note(placement, config)]
         warnings, notes = split([*said, *no_matches(matches)])

@@ -10,7 +10,7 @@ from zpm2.config import PRESETS, Config, LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.local_match import match_polygons, matcher
-from zpm2.local_match.confidence import confidence
+from zpm2.local_match.confidence import confidence, unsupported
 from zpm2.model import PointMatches, PolygonArrays
 
 PAPER = PRESETS["paper"]
@@ -200,3 +200,17 @@ def test_both_branches_of_the_cost_alone_find_the_polygons(gamma):
     right = sum(given.truth.get(k) == v for k, v in pairs(matches).items())
     assert right > 0.9 * len(given.truth)
     assert LocalConfig().gamma != gamma
+
+
+def test_the_pair_as_a_whole_says_whether_it_shows_one_scene():
+    """A cell of a large photograph may have few points: its matches are as sure as their evidence is."""
+    given = scene(NEAR)
+    known = initial_geometry(given.points, PAPER.global_match, 0)
+    few = dataclasses.replace(known, points=known.points[:9], consistent=known.consistent[:9], planar=known.planar[:9])
+    assert not few.supported
+    matches = run(given, initial=few)
+    assert len(matches) > 40
+    assert max(match.confidence for match in matches) > 0.8
+    doubted = unsupported(matches)
+    assert [(m.left, m.right) for m in doubted] == [(m.left, m.right) for m in matches]
+    assert max(match.confidence for match in doubted) <= 0.1

@@ -1,7 +1,12 @@
 """How sure a match is, 0..1."""
 
+import dataclasses
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from zpm2.model import PolygonMatch
 
 Array = NDArray[np.float64]
 
@@ -18,3 +23,9 @@ def confidence(overlap: Array, dsf: NDArray[np.int64], texture: Array, area_rati
     """
     evidence = np.c_[np.ones(len(overlap)), overlap, np.log1p(dsf), np.maximum(texture, 0.0), area_ratio]
     return np.asarray(1.0 / (1.0 + np.exp(-(evidence @ WEIGHTS))))
+
+
+def unsupported(matches: Sequence[PolygonMatch]) -> list[PolygonMatch]:
+    """The matches of two photographs that may show different scenes (`InitialGeometry.supported`), as sure as that
+    leaves them. It is for the pair as a whole to say: a cell of a large one may have few points."""
+    return [dataclasses.replace(match, confidence=UNSUPPORTED * match.confidence) for match in matches]

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.local_match import assignment, rectify, shape, texture
-from zpm2.local_match.confidence import UNSUPPORTED, confidence
+from zpm2.local_match.confidence import confidence
 from zpm2.local_match.guidance import Guidance
 from zpm2.local_match.support import Support, lookup, support
 from zpm2.model import Image, PolygonArrays, PolygonMatch, Stage
@@ -233,8 +233,6 @@ def _as_matches(evaluator: _Evaluator, evidence: Evidence, rows: NDArray[np.int6
         return []
     i, j = evidence.pairs.left[rows], evidence.pairs.right[rows]
     sure = confidence(evidence.overlap[rows], evidence.dsf[rows], evidence.texture[rows], evidence.area[rows])
-    if not evaluator.initial.supported:
-        sure *= UNSUPPORTED
     nodes = evaluator.nodes(evidence, rows)
     guidance = evaluator.guidance
     guided = np.zeros(len(rows), bool) if guidance is None else guidance.found(evidence.pairs[rows])

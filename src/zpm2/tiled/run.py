@@ -32,6 +32,7 @@ from zpm2.io.places import absolute
 from zpm2.io.raster import Window
 from zpm2.io.source import Source, reduced
 from zpm2.io.values import MIN_SIDE
+from zpm2.local_match.confidence import unsupported
 from zpm2.messages import Note, about, split
 from zpm2.model import THIN, Image, Mask, PointMatches, Polygon, PolygonArrays, Side, thin
 from zpm2.pipeline import PolygonMatcher, explained
@@ -120,6 +121,7 @@ class Run:
             )
             some = points[np.arange(0, len(points), len(points) // MOST_POINTS + 1)]
             initial = initial_geometry(some, config.global_match, config.seed)
+            matches = matches if initial.supported else unsupported(matches)
         with self.clock("explain"):
             overviews = [reduced(source, OVERVIEW) for source in self.sources]
             sides = [
