@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from zpm2.errors import WeightsError
 from zpm2.weights import licence
+from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
-from zpm2.weights.store import Progress, Status, cache_dir, converted_dir, find, status
+from zpm2.weights.store import Progress, Status, cache_dir, find, status
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -24,7 +25,7 @@ __all__ = [
     "Progress",
     "Status",
     "cache_dir",
-    "converted_dir",
+    "converted",
     "entry",
     "get",
     "load_state_dict",
