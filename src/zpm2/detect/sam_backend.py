@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.errors import ConfigError, MissingDependency
+from zpm2.turns import networks_loaded
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -122,6 +123,7 @@ class OpenVinoBackend:
         from zpm2.detect.sam_network import PromptEmbedding
 
         folder = _converted(model, openvino.__version__, say)
+        networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
             self.embed = PromptEmbedding(**arrays)
         self.core = openvino.Core()
