@@ -13,7 +13,7 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
-from zpm2.features import PointMatcher
+from zpm2.features import PointMatcher, check_methods
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.global_match.chance import MIRRORED
 from zpm2.io.images import read_image
@@ -49,6 +49,8 @@ class PolygonMatcher:
     ) -> None:
         self.config = configuration.preset(config) if isinstance(config, str) else config
         self.device = resolve_device(self.config.device)
+        if points is None:
+            check_methods(self.config.points)
         self.progress = progress
         self._regions = RegionStages(self.config, segmenter, progress, say)
         self._points = points
