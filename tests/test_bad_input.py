@@ -83,7 +83,7 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "no value": (["--set", "segment.grid"], ["--set segment.grid", "expected stage.field=value"]),
     "segmenter": (["--segmenter", "vit_x"], ["mobile_sam, vit_b, vit_l, vit_h", "'vit_x'"]),
     "points": (["--points", "shift"], ["unknown point method 'shift'", "did you mean 'sift'", "xfeat"]),
-    "no points": (["--points", ""], ["points.methods is empty"]),
+    "no points": (["--points", ""], ["what follows --points is empty"]),
     "seed": (["--seed", "one"], ["--seed"]),
     "negative seed": (["--seed", "-1"], ["seed must be a finite number >= 0"]),
     "device": (["--device", "tpu"], ["unknown device 'tpu'", "auto, cpu, cuda"]),

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import signal
 import sys
 from functools import partial
@@ -460,3 +461,52 @@ def test_config_show_is_a_file_for_config(run: Run, tmp_path: Path, preset: str)
 def test_standard_error_is_not_a_terminal_here() -> None:
     """What the tests of single error lines stand on."""
     assert not sys.stderr.isatty()
+
+
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("match L R --seed 4294967296", "seed must be at most 2147483647"),
+        ("match L R --set segment.grid=9999999999", "segment.grid must be at most 1000"),
+        ("match L R --points zift", "unknown point method 'zift' (did you mean 'sift'?)"),
+        ("match L R --tiles on --points zift", "unknown point method 'zift'"),
+        ("demo --seed 4294967296", "seed must be at most"),
+        ("reconstruct . --max-size 99999999999", "--max-size 99999999999: give at least 100 px, and at most"),
+        ("reconstruct . --neighbors 99999999999", "--neighbors 99999999999: give at least 1, and at most"),
+        ("match L R -o ''", "what follows -o is empty: give a value"),
+        ("match L R --out=", "--out is empty: give a value"),
+        ("match L ''", "is empty: give a value"),
+        ("'' L", "the first argument is empty: give a value"),
+        ("match L R --weights-dir ''", "what follows --weights-dir is empty"),
+        ("weights list --weights-dir ''", "what follows --weights-dir is empty"),
+        ("match L LONG", "a name of 300 letters is too long for a file: xxxx"),
+        ("match L R -o LONG", "the name is too long; give a shorter one"),
+        ("match L R -o new/LONG/out", "the name is too long; give a shorter one"),
+        ("match L R --config LONG", "File name too long"),
+        ("match L R --weights-dir LONG", "too long for a file"),
+        ("pose L R --K LONG", "too long for a file"),
+        ("cloud LONG", "too long for a file"),
+        ("reconstruct LONG", "too long for a file"),
+        ("reconstruct . -o LONG", "the name is too long"),
+        ("eval pairs --root LONG", "too long for a file"),
+    ],
+)
+def test_options_are_refused_before_any_work(
+    words: str, message: str, run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load(*_: object) -> None:
+        raise AssertionError("networks were loaded")
+
+    monkeypatch.setattr("zpm2.regions.RegionStages.load", load)
+    monkeypatch.chdir(tmp_path)
+    for k, path in enumerate((pair.left, pair.right)):
+        (tmp_path / f"{k}.png").write_bytes(path.read_bytes())
+    before = set(tmp_path.rglob("*"))
+    named = {"L": "0.png", "R": "1.png"}
+    code, out, err = run(*(named.get(word, word).replace("LONG", LONG) for word in shlex.split(words)))
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert message in err
+    assert set(tmp_path.rglob("*")) == before

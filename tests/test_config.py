@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.config import PRESETS, Config, SegmentConfig, assign, load, preset
+from zpm2.config import PRESETS, Config, SegmentConfig, assign, describe, load, preset
 from zpm2.errors import ConfigError
 
 
@@ -100,12 +100,18 @@ def test_the_last_setting_wins_and_none_is_lost():
         ("global_match.phi=1", "global_match.phi must be odd and at least 3 px, got 1"),
         ("global_match.factor=1", "global_match.factor must be at least 2"),
         ("global_match.top_size=0", "global_match.top_size must be at least 1"),
+        ("points.methods=", "points.methods is empty"),
+        ("global_match.tau=0", "global_match.tau must be at least 1"),
         ("local_match.patch=3", "local_match.patch must be at least 4 px"),
         ("pose.crop_size=0", "pose.crop_size must be at least 32 px"),
         ("pose.noise_px=0", "pose.noise_px must be above 0"),
         ("pose.max_crops=0", "pose.max_crops must be at least 1"),
         ("local_match.neighbors=0", "local_match.neighbors must be at least 1"),
         ("points.max_keypoints=0", "points.max_keypoints must be at least 1"),
+        ("segment.grid=9999999999", "segment.grid must be at most 1000, got 9999999999"),
+        ("seed=4294967296", "seed must be at most 2147483647, got 4294967296"),
+        ("seed=" + "9" * 5000, "seed must be of type int, got '9999"),
+        ("segment.stability_offset=1e300", "segment.stability_offset must be at most 2147483647, got 1e+300"),
     ],
 )
 def test_what_set_refuses(setting, message):
@@ -125,6 +131,8 @@ def test_what_set_refuses(setting, message):
         {"points": {"methods": [5]}},
         {"points": {"methods": []}},
         {"device": 0},
+        {"segment": {"min_area": 10**400}},
+        {"seed": 10**5000},
     ],
 )
 def test_values_of_wrong_type(values):
@@ -183,7 +191,7 @@ def test_a_configuration_cannot_be_changed():
         Config().seed = 4
 
 
-@given(st.integers(1, 10**6), st.floats(0, 1e6), st.integers(1, 500))
+@given(st.integers(1, 1000), st.floats(0, 1e6), st.integers(1, 500))
 def test_every_number_survives_set_and_dict(grid, tolerance, half):
     settings = [f"segment.grid={grid}", f"vectorize.tolerance={tolerance!r}", f"global_match.phi={2 * half + 1}"]
     config = assign(Config(), settings)
@@ -194,3 +202,16 @@ def test_every_number_survives_set_and_dict(grid, tolerance, half):
 def test_configuration_and_errors_import_no_torch():
     code = "import sys, zpm2.config, zpm2.errors, zpm2.model; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("field", [name for name, kind, *_ in describe(Config()) if kind in ("int", "float")])
+def test_every_number_has_an_upper_end(field):
+    assert f"{field} must be at most" in refused(f"{field}=2147483649") or "share" in refused(f"{field}=2147483649")
+    assert field in refused(f"{field}={10**30}")
+
+
+@pytest.mark.parametrize(("name", "text"), [("a.json", "[" * 100_000), ("a.toml", "a = " + "[" * 100_000)])
+def test_a_file_that_is_nested_too_deeply(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ConfigError, match=name):
+        load(tmp_path / name)

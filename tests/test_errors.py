@@ -11,7 +11,9 @@ def test_failed_is_falsy_and_says_why():
     assert failure == Failed("only 3 points") != Failed("no points")
 
 
-@pytest.mark.parametrize("name", ["InputError", "ConfigError", "WeightsError", "OutputError", "MissingDependency"])
+@pytest.mark.parametrize(
+    "name", ["InputError", "ConfigError", "WeightsError", "OutputError", "ForkError", "MissingDependency"]
+)
 def test_one_base_catches_every_named_error(name):
     kind = getattr(errors, name)
     with pytest.raises(Zpm2Error, match="do this"):

@@ -93,7 +93,7 @@ def command(
     if request.param == "reconstruct":
         pytest.importorskip("pycolmap")
         boards.write(tmp_path / "photographs")
-        monkeypatch.setattr("zpm2.reconstruct.Options", partial(Options, poisson_depth=6))
+        monkeypatch.setattr("zpm2.reconstruct.Options", partial(Options, poisson_depth=8))
         return "reconstruct", ("reconstruct", tmp_path / "photographs", "--max-size", 240)
     data = tmp_path / "data"
     data.mkdir()

@@ -1,7 +1,9 @@
 """Results to files and back: nothing lost, nothing half-written, and one line for what cannot be read."""
 
+import contextlib
 import dataclasses
 import json
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -385,3 +387,26 @@ def test_a_contact_sheet_names_matches_by_their_ids(result: MatchResult, monkeyp
     )
     result.contact_sheet()
     assert said == [f"match {m.id}   (right {m.right})   {m.confidence:.2f}" for m in result.matches]
+
+
+def test_two_saves_give_the_same_bytes(result: MatchResult, tmp_path: Path) -> None:
+    pyogrio = pytest.importorskip("pyogrio")
+    folders = [result.save(tmp_path / name, ["gpkg", "shapefile", "coco"]) for name in ("one", "two")]
+    files = [{path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} for folder in folders]
+    assert {"matches.json", "matches.gpkg", "left.shp", "left.dbf", "overlay.png"} <= set(files[0])
+    assert files[0] == files[1]
+    assert files[0]["left.dbf"][1:4] == bytes([70, 1, 1])  # a date, which would be another one tomorrow
+    assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None
+
+
+def test_a_time_that_the_user_told_gdal_stays(result: MatchResult, tmp_path: Path) -> None:
+    pyogrio = pytest.importorskip("pyogrio")
+    name, time = "OGR_CURRENT_DATE", "2001-02-03T04:05:06.000Z"
+    pyogrio.set_gdal_config_options({name: time})
+    try:
+        folder = result.save(tmp_path / "out", ["gpkg"])
+        assert pyogrio.get_gdal_config_option(name) == time
+    finally:
+        pyogrio.set_gdal_config_options({name: None})
+    with contextlib.closing(sqlite3.connect(folder / "matches.gpkg")) as file:
+        assert set(file.execute("select last_change from gpkg_contents")) == {(time,)}

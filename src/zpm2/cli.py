@@ -1,5 +1,6 @@
 """The command line: `zpm2 demo`, `match`, `pose`, `reconstruct`, `cloud`, `eval`, `config`, `weights`, `doctor`."""
 
+import errno
 import json
 import sys
 from collections import Counter
@@ -88,10 +89,16 @@ SEGMENTERS = (*choices("segment.model")(), "precomputed")
 def main() -> None:
     """Entry point. Misuse prints one line and exits with 2; an interrupt says what stays and exits with 130."""
     try:
+        _no_empty_values(sys.argv[1:])
         with terminable():
             status = app(prog_name="zpm2", standalone_mode=False)
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        name = str(error.filename)
+        sys.exit(_complain(f"a name of {len(name)} letters is too long for a file: {name[:40]}...; give a shorter one"))
     except UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message(), file=sys.stderr)
@@ -102,6 +109,13 @@ def main() -> None:
         _complain(str(stop) or "interrupted")
         sys.exit(130)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _no_empty_values(words: list[str]) -> None:
+    """An empty word, of a variable that is not set, for instance, would be taken for the folder that we are in."""
+    for before, word in zip(["the first argument", *words], words, strict=False):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            raise ConfigError(f"{word.rstrip('=') or f'what follows {before}'} is empty: give a value")
 
 
 def _complain(text: str) -> int:

@@ -201,6 +201,8 @@ def load(path: str | Path, base: Config | None = None) -> Config:
         values = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
     except OSError as error:
         raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
+    except RecursionError as error:
+        raise ConfigError(f"configuration {path} is nested too deeply: it holds stages with fields only") from error
     except ValueError as error:
         raise ConfigError(f"configuration {path} is not valid {path.suffix.lstrip('.') or 'TOML'}: {error}") from error
     if not isinstance(values, dict):
@@ -276,12 +278,16 @@ def _check_range(name: str, value: Any) -> None:
     numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
     if any(v != v or v < 0 or v == float("inf") for v in numbers):
         raise ConfigError(f"{name} must be a finite number >= 0, got {value}")
+    most = MOST.get(name, LARGEST)
+    if any(v > most for v in numbers):
+        raise ConfigError(f"{name} must be at most {most}, got {_short(max(numbers))}")
     if (
         name
         in (
             "segment.grid",
             "points.max_keypoints",
             "global_match.top_size",
+            "global_match.tau",
             "local_match.neighbors",
             "global_match.max_layers",
             "pose.crop_points",
@@ -367,10 +373,40 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
             raise ValueError
         if isinstance(value, str) or (isinstance(value, int | float) and kind in (int, float, bool)):
             return kind(value)
-    except (ValueError, KeyError):
+    except (ValueError, KeyError, OverflowError):
         pass
-    raise ConfigError(f"{name} must be of type {kind.__name__}, got '{value}'")
+    raise ConfigError(f"{name} must be of type {kind.__name__}, got '{_short(value)}'")
 
+
+def _short(value: Any) -> str:
+    """What a message says of a value. Python does not write out integers of more than 4300 digits."""
+    try:
+        text = str(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
+
+# Fields that cost memory or time by their square, or with each polygon: far beyond any use, and within any machine.
+MOST = {
+    "segment.grid": 1000,
+    "points.max_keypoints": 1_000_000,
+    "points.max_size": 100_000,
+    "global_match.max_layers": 100,
+    "global_match.factor": 100,
+    "global_match.phi": 255,
+    "global_match.tau": 500,
+    "local_match.neighbors": 10_000,
+    "local_match.patch": 256,
+    "tiles.size": 32_768,
+    "pose.crop_size": 4096,
+    "pose.crop_points": 100_000,
+    "pose.max_crops": 10_000,
+    "cloud.halvings": 60,
+    "cloud.neighbors": 10_000,
+}
 
 SHARES = (
     "segment.min_predicted_iou",

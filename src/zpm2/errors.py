@@ -28,6 +28,10 @@ class OutputError(Zpm2Error):
     """A result cannot be written."""
 
 
+class ForkError(Zpm2Error):
+    """Networks are used in a process that was forked after they were loaded."""
+
+
 class MissingDependency(Zpm2Error):
     """An optional package is needed; the message holds the install command."""
 

@@ -13,7 +13,7 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
-from zpm2.features import PointMatcher
+from zpm2.features import PointMatcher, check_methods
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.global_match.chance import MIRRORED
 from zpm2.io.images import read_image
@@ -49,9 +49,12 @@ class PolygonMatcher:
     ) -> None:
         self.config = configuration.preset(config) if isinstance(config, str) else config
         self.device = resolve_device(self.config.device)
+        if points is None:
+            check_methods(self.config.points)
         self.progress = progress
         self._regions = RegionStages(self.config, segmenter, progress, say)
         self._points = points
+        self.turns = self._regions.turns
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair as a whole. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`;
@@ -59,7 +62,14 @@ class PolygonMatcher:
 
         Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
         overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.
+
+        Threads may share a matcher: it takes their pairs one after the other. `ForkError` in a process that was forked
+        from one that had loaded networks (`zpm2.turns`).
         """
+        with self.turns:
+            return self._call(left, right)
+
+    def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
         config, clock = self.config, Clock(self.progress)
         with clock("read"):
             chosen = config.raster.bands
@@ -101,11 +111,13 @@ class PolygonMatcher:
 
     def regions(self, image: Image, side: Literal["left", "right"] = "left") -> list[Polygon]:
         """The polygons of one photograph, segmented alone, by the segmenter of that side."""
-        return self._regions.alone(image, side)
+        with self.turns:
+            return self._regions.alone(image, side)
 
     def segmenters(self) -> tuple[Segmenter, Segmenter]:
         """Those of the left and the right image, loaded, to be given to another matcher."""
-        return self._regions.load()
+        with self.turns:
+            return self._regions.load()
 
     def _explained(
         self, sides: tuple[Side, Side], matches: Sequence[PolygonMatch], initial: InitialGeometry

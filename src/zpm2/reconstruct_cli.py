@@ -35,10 +35,10 @@ def reconstruct(
     Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
     pycolmap: pip install "zpm2[colmap,cloud]".
     """
-    if max_size < 100:
-        raise ConfigError(f"--max-size {max_size}: give at least 100 px")
-    if neighbors < 1:
-        raise ConfigError(f"--neighbors {neighbors}: give at least 1")
+    if not 100 <= max_size <= 100_000:
+        raise ConfigError(f"--max-size {max_size}: give at least 100 px, and at most 100,000")
+    if not 1 <= neighbors <= 1000:
+        raise ConfigError(f"--neighbors {neighbors}: give at least 1, and at most 1000")
     from zpm2.cloud.workspace import read_views
     from zpm2.io.images import read_image
     from zpm2.io.inputs import distinct_names, some_photographs

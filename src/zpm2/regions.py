@@ -16,6 +16,7 @@ from zpm2.local_match import guided
 from zpm2.local_match.guidance import Guidance
 from zpm2.messages import about
 from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.turns import Turns
 
 Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
 
@@ -57,6 +58,7 @@ class RegionStages:
         self.config, self.progress, self.say = config, progress, say
         self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
         self._sides_done = 0
+        self.turns = Turns()  # of the threads that use one matcher
 
     def load(self) -> tuple[Segmenter, Segmenter]:
         """The segmenters of the left and the right image; SAM is loaded the first time, where no other was given."""

@@ -6,17 +6,19 @@ import boards
 import numpy as np
 import pytest
 from rendered import Run
+from scipy.spatial.transform import Rotation
 
 from zpm2.cloud import Surface, open_caster, read_views
 from zpm2.cloud.stereo import semi_global
 from zpm2.errors import Failed, InputError
+from zpm2.io import record
 from zpm2.model import Image, PosedCamera
 from zpm2.reconstruct import Options, reconstruct
 from zpm2.reconstruct.depth import agreed
 from zpm2.reconstruct.rectified import rectify_views
 from zpm2.reconstruct.workspace import Reconstructed
 
-pytest.importorskip("pycolmap")
+pycolmap = pytest.importorskip("pycolmap")
 
 
 def points() -> np.ndarray:
@@ -84,7 +86,7 @@ def nested(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def test_photographs_of_one_name_keep_their_folders(nested: list[Path], tmp_path: Path) -> None:
     known = dict(zip(("cam 0/0.png", "cam 1/0.png", "cam 2/0.png"), boards.cameras(3), strict=True))
-    made = reconstruct(nested, tmp_path / "ws", Options(max_size=240, poisson_depth=6), known)
+    made = reconstruct(nested, tmp_path / "ws", Options(max_size=240, poisson_depth=8), known)
     assert (made.registered, made.notes) == (3, ())
     for view, camera in zip(read_views(tmp_path / "ws"), boards.cameras(3), strict=True):
         assert view.camera.center == pytest.approx(camera.center, abs=1e-6)
@@ -179,3 +181,67 @@ def test_one_line_for_what_cannot_be_used(
     assert why in err
     assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "ws").exists()
+
+
+def test_a_surface_without_triangles_is_no_success(run: Run, tmp_path: Path) -> None:
+    boards.write(tmp_path / "photographs", 5)
+    model = [f"{k} PINHOLE 480 360 480 480 240 180" for k in range(5)]
+    (tmp_path / "cameras.txt").write_text("\n".join(model))
+    posed = [(Rotation.from_matrix(c.rotation).as_quat(scalar_first=True), c.translation) for c in boards.cameras(5)]
+    lines = [" ".join(map(str, (k, *turn, *shift, k, f"{k}.png"))) + "\n\n" for k, (turn, shift) in enumerate(posed)]
+    (tmp_path / "images.txt").write_text("".join(lines))
+    words = "reconstruct", tmp_path / "photographs", "--cameras", tmp_path, "--max-size", "160", "-o", tmp_path / "ws"
+    for _ in range(2):  # a second run finds nothing that it could call finished
+        code, out, err = run(*words)
+        assert (code, out) == (2, "")
+        assert "too far apart for a surface: no triangle is left; give" in err.splitlines()[-1]
+        assert "a larger --max-size, and another folder" in err
+        assert not (tmp_path / "ws" / "mesh.ply").exists()
+
+
+HEADER = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nend_header\n"
+EMPTY = b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n" + (
+    b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("fused.ply", HEADER % 0),
+        ("fused.ply", HEADER % 5000 + bytes(2000)),
+        ("fused.ply", b""),
+        ("mesh.ply", EMPTY),
+        ("mesh.ply", b""),
+    ],
+)
+def test_what_is_there_and_unusable_is_made_again(workspace: Path, name: str, content: bytes) -> None:
+    part = workspace / "part"
+    part.write_bytes(content)
+    record.put(part, workspace / name)  # as an earlier run would have
+    paths = sorted((workspace.parent / "photographs").iterdir())
+    known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
+    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    assert (workspace / name).stat().st_size > 10_000
+
+
+def test_each_step_looks_at_what_it_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = boards.write(tmp_path / "photographs", 3)
+    known = {path.name: camera for path, camera in zip(paths, boards.cameras(3), strict=True)}
+    options, ws = Options(max_size=120, poisson_depth=6), tmp_path / "ws"
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pycolmap, "undistort_images", lambda folder, *_, **__: (folder / "images").mkdir(parents=True))
+        with pytest.raises(InputError, match="undistorted 0 of 3 photographs only"):
+            reconstruct(paths, ws, options, known)
+    assert not (ws / "dense").exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(pycolmap, "stereo_fusion", lambda file, *_, **__: file.write_bytes(HEADER % 7 + bytes(7 * 27)))
+        with pytest.raises(InputError, match="the depth of 7 points: too few for a surface; give"):
+            reconstruct(paths, ws, options, known)
+    assert not (ws / "fused.ply").exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(pycolmap, "poisson_meshing", lambda cloud, file, *_: None)
+        with pytest.raises(InputError, match="no triangle is left"):
+            reconstruct(paths, ws, options, known)
+    assert not (ws / "mesh.ply").exists()

@@ -96,8 +96,8 @@ def test_own_folder_works_beside_a_cache_that_cannot_be_written(
     monkeypatch.setenv("ZPM2_CACHE", str(tmp_path / "file"))
     assert weights.get("tiny", directory=own) == weights.get("tiny", directory=own) == own / "tiny.pt"
     assert len(hashed) == 2
-    with pytest.raises(WeightsError, match="cannot make the folder"):
-        weights.converted_dir("tiny", "key")
+    with pytest.raises(WeightsError, match="cannot write tiny"):
+        weights.converted("tiny", "key", lambda folder: None)
 
 
 def test_verify_does_not_trust_a_marker(own: Path, manifest: Entry):
@@ -123,13 +123,6 @@ def test_cache_is_the_platforms_unless_named(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.delenv("ZPM2_CACHE")
     monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: f"/caches/{name}")
     assert cache_dir() == Path("/caches/zpm2/weights")
-
-
-def test_converted_models_lie_beside_the_weights(manifest: Entry):
-    folder = weights.converted_dir("tiny", "abc")
-    assert folder.is_dir()
-    assert folder.is_relative_to(cache_dir())
-    assert folder != weights.converted_dir("tiny", "abd")
 
 
 def put(monkeypatch: pytest.MonkeyPatch, folder: Path, content: bytes) -> None:

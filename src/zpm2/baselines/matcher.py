@@ -80,7 +80,7 @@ class BaselineMatcher:
         method in order and is no chance of being right: shape alone does not say.
         """
         raster = self.config.raster
-        with opened(left, right, raster.bands, raster.gsd) as sources:
+        with self._regions.turns, opened(left, right, raster.bands, raster.gsd) as sources:
             result = match_whole(self._match, sources, self.config)
             if in_tiles(sources, self.config):
                 result = replace(result, warnings=[*result.warnings, "matched as a whole: a baseline knows no tiles"])

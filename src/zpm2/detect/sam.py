@@ -18,9 +18,11 @@ from zpm2.detect.answers import LOW, Answers, Floor, Prompts
 from zpm2.detect.sam_backend import SamBackend, open_backend
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask, thin
+from zpm2.turns import Turns
 
 SIDE = 1024  # px, what the image encoder sees
 SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
+TURNS = Turns()  # of all threads: whichever segmenter they ask, it takes all cores
 MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 STD = np.array([58.395, 57.12, 57.375], np.float32)
 
@@ -48,11 +50,13 @@ class SamSegmenter:
 
     def load(self) -> SamBackend:
         """The networks, loaded (and converted, once per machine) when first asked for."""
-        if self._backend is None:
-            self._backend = open_backend(self.config.model, self.config.backend, self.device, self.say, self.download)
-            if self.config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
-                self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
-        return self._backend
+        config = self.config
+        with TURNS:
+            if self._backend is None:
+                self._backend = open_backend(config.model, config.backend, self.device, self.say, self.download)
+                if config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
+                    self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
+            return self._backend
 
     def view(self, image: Image) -> "SamView":
         """The photograph, encoded."""
@@ -79,7 +83,8 @@ class SamView:
         self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
         self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
         self.size = decoded_size(image)
-        self.parts = backend.image(encoder_input(image, self.scale))
+        with TURNS:
+            self.parts = backend.image(encoder_input(image, self.scale))
 
     def ask(self, prompts: Prompts, floor: Floor) -> Answers:
         """The masks of each prompt that reach `floor`, by prompt. Those of too low a predicted IoU are not decoded.
@@ -94,14 +99,16 @@ class SamView:
 
     def _ask(self, prompts: Prompts, start: int, first: int, floor: Floor) -> Answers:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
-        iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
-        iou, hyper = iou[:, first:], hyper[:, first:]
-        rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
-        if len(rows) == 0:
-            return Answers.none(self.size)
-        logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
-        good = iou[rows] >= floor.predicted_iou
-        logits, score = logits[good], iou[rows][good]
+        with TURNS:  # what a network returns is its own memory
+            iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
+            iou, hyper = iou[:, first:], hyper[:, first:]
+            rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
+            if len(rows) == 0:
+                return Answers.none(self.size)
+            logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
+            iou = iou[rows]  # a copy
+        good = iou >= floor.predicted_iou
+        logits, score = logits[good], iou[good]
         inner = (logits > self.config.stability_offset).sum((1, 2))
         outer = (logits > -self.config.stability_offset).sum((1, 2))
         stability = np.asarray(inner / np.maximum(outer, 1), np.float32)

@@ -6,7 +6,6 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from importlib.util import find_spec
 from math import isqrt
 from pathlib import Path
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.errors import ConfigError, MissingDependency
-from zpm2.io.record import scratch, sweep
+from zpm2.turns import networks_loaded
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -124,9 +123,11 @@ class OpenVinoBackend:
         from zpm2.detect.sam_network import PromptEmbedding
 
         folder = _converted(model, openvino.__version__, say)
+        networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
             self.embed = PromptEmbedding(**arrays)
-        self.core, self.folder = openvino.Core(), folder
+        self.core = openvino.Core()
+        self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
         self.prompt_networks: dict[int, Any] = {}  # by number of prompt tokens
         self.mask_networks: dict[tuple[int, ...], Any] = {}  # by number of masks and of rows and columns of tokens
@@ -134,7 +135,7 @@ class OpenVinoBackend:
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> Any:
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
         options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
-        graph = self.core.read_model(self.folder / f"{name}.xml")
+        graph = self.graphs[name].clone()
         if shapes:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
         return self.core.compile_model(graph, "CPU", options)
@@ -182,17 +183,12 @@ def _converted(model: str, openvino_version: str, say: Say) -> Path:
 
     name = WEIGHTS[model]
     key = f"openvino-{VERSION}-{weights.entry(name).sha256[:12]}-{openvino_version.split('-')[0]}-{version('torch')}"
-    folder = weights.converted_dir(name, key)
-    if (folder / "embedding.npz").exists():
-        return folder
-    say(f"converting {name} to OpenVINO, once")
-    sweep(folder.parent)
-    with scratch(folder.parent) as part:
-        _convert(model, part)
-        with suppress(OSError):  # not empty: another process was faster, and its networks are as good
-            folder.rmdir()
-            part.rename(folder)
-    return folder
+
+    def convert(folder: Path) -> None:
+        say(f"converting {name} to OpenVINO, once")
+        _convert(model, folder)
+
+    return weights.converted(name, key, convert)
 
 
 def _convert(model: str, folder: Path) -> None:
@@ -219,7 +215,10 @@ def _convert(model: str, folder: Path) -> None:
             openvino.convert_model(mask.eval(), example_input=(_part(tokens, (8, 12)), hyper)),
         )
     for name, graph in zip(NETWORKS, graphs, strict=True):
-        openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)
+        try:
+            openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)
+        except RuntimeError as error:  # of a full disk
+            raise OSError(" ".join(str(error).split())) from error
     embedding = sam_network.PromptEmbedding.of(sam)
     np.savez(
         folder / "embedding.npz",

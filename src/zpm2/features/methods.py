@@ -23,16 +23,21 @@ def create(config: PointsConfig, device: str = "cpu", progress: Progress | None 
     `progress` is told how downloads get on. Raises `ConfigError` for a name that is not in
     `METHODS`, before anything is loaded, and `WeightsError` where weights cannot be had.
     """
-    for name in config.methods:
-        if name not in METHODS:
-            close = get_close_matches(name, METHODS, n=1)
-            hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise ConfigError(f"unknown point method '{name}'{hint}; methods are: {', '.join(METHODS)}")
+    check_methods(config)
     matcher = _combined(config, device, progress)
     if not config.look_again:
         return matcher
     fewer = dataclasses.replace(config, max_keypoints=min(config.max_keypoints, AGAIN))
     return LookAgain(matcher, cache(lambda: _combined(fewer, device, progress)), config.max_size)
+
+
+def check_methods(config: PointsConfig) -> None:
+    """`ConfigError` for a name that is not in `METHODS`."""
+    for name in config.methods:
+        if name not in METHODS:
+            close = get_close_matches(name, METHODS, n=1)
+            hint = f" (did you mean '{close[0]}'?)" if close else ""
+            raise ConfigError(f"unknown point method '{name}'{hint}; methods are: {', '.join(METHODS)}")
 
 
 def _combined(config: PointsConfig, device: str, progress: Progress | None) -> Combined:

@@ -105,6 +105,8 @@ def why(error: OSError, path: Path) -> str:
         return "permission denied; give a folder that you may write to"
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "the disk is full; free some space"
+    if error.errno == errno.ENAMETOOLONG:
+        return "the name is too long; give a shorter one"
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
         return "a part of the path is a file, not a folder; give another path"
     if error.errno == errno.EISDIR or path.is_dir():

@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import shutil
+import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,11 +28,14 @@ from zpm2.model import PolygonArrays, PolygonMatch
 Array = NDArray[np.float64]
 
 GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
+NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for what a GeoPackage says of when it was written
 GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
 MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
 RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
+
+_SETTING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +127,8 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     target = Path(folder) / f"{layer.name}.shp"
     with _moved_into(target.parent, target) as temporary:
         table = _table(layer, SHAPEFILE)
-        _write(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs)
+        undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
+        _write(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs, undated)
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
@@ -245,7 +250,8 @@ def _write(
     """One layer into a new file, or added to it; a table without `shapes`. `OSError` where the disk is full."""
     pyogrio = require_pyogrio()
     body = None if shapes is None else shapely.to_wkb(shapes)
-    with warnings.catch_warnings(), _full_disk_named(path.parent, body, len(next(iter(table.columns.values())))):
+    rows = len(next(iter(table.columns.values())))
+    with warnings.catch_warnings(), _undated(pyogrio), _full_disk_named(path.parent, body, rows):
         warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
         warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
         warnings.filterwarnings("ignore", ".*laundered", RuntimeWarning)  # names over 10 letters there
@@ -264,6 +270,19 @@ def _write(
             dataset_options={"VERSION": GEOPACKAGE} if driver == GPKG else {},
             layer_options=dict(options or {}),
         )
+
+
+@contextlib.contextmanager
+def _undated(pyogrio: Any) -> Iterator[None]:
+    """GDAL writes `EPOCH` for the time of writing, so that the same polygons give the same bytes, unless the user has
+    told it another time. The setting is the process's, so one thread at a time makes it."""
+    with _SETTING:
+        before = pyogrio.get_gdal_config_option(NOW)
+        pyogrio.set_gdal_config_options({NOW: before or f"{EPOCH}T00:00:00.000Z"})
+        try:
+            yield
+        finally:
+            pyogrio.set_gdal_config_options({NOW: before})
 
 
 @contextlib.contextmanager

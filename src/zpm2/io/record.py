@@ -152,7 +152,7 @@ def _remove(path: Path) -> None:
 
 def _home(path: Path) -> Path | None:
     """The nearest claimed folder around a path."""
-    return next((folder for folder in _absolute(path).parents if (folder / HIDDEN / RECORD).is_file()), None)
+    return next((folder for folder in _absolute(path).parents if os.path.isfile(folder / HIDDEN / RECORD)), None)
 
 
 def _made(home: Path) -> dict[str, set[str]]:

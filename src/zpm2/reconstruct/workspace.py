@@ -1,5 +1,10 @@
-"""Photographs in, a workspace out: images/, sparse/0, dense/, mesh.ply. A step whose file is there is skipped."""
+"""Photographs in, a workspace out: images/, sparse/0, dense/, mesh.ply.
 
+A step whose file is there and usable is skipped. What a step made is looked at before it gets its name: what the next
+one could do nothing with is not kept.
+"""
+
+import itertools
 import json
 import os
 import shutil
@@ -13,12 +18,16 @@ from zpm2.io.colmap import require_pycolmap
 from zpm2.io.files import atomic_write, claim
 from zpm2.io.inputs import distinct_names
 from zpm2.io.keys import code, stamp
+from zpm2.io.meshes import read_mesh
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.photographs import as_png
 from zpm2.reconstruct.structure import find_structure
 
+LEAST = 100  # points that a surface is made of
+RECORD = 27  # bytes of a point in COLMAP's PLY: place and normal as float32, colour
+MORE = "give photographs that overlap more, or a larger --max-size, and another folder"
 IMAGES, CLAIM = "images", "reconstruct.json"
 NAMES = (CLAIM, "sparse", "dense", "fused.ply", "mesh.ply")  # beside the photographs
 
@@ -59,8 +68,8 @@ def reconstruct(
     known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing
     are COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there,
     else semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the
-    photographs do not hang together, or the workspace is another reconstruction's; `OutputError` where something in it
-    that is no reconstruction's has one of its names.
+    photographs do not hang together or give no surface, or the workspace is another reconstruction's; `OutputError`
+    where something in it that is no reconstruction's has one of its names.
     """
     pycolmap = require_pycolmap()
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR
@@ -76,34 +85,28 @@ def reconstruct(
     tell("structure", 0.0)
     model = find_structure(images, names, workspace, known, options.ordered)
     tell("structure", 1.0)
+    registered = pycolmap.Reconstruction(str(model)).num_reg_images()
     dense = workspace / "dense"
     if not (dense / "sparse" / "cameras.bin").is_file():
         undistort = pycolmap.UndistortCameraOptions()
         undistort.max_image_size = options.max_size
         with scratch(workspace) as part:
             pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
+            made = sum(path.is_file() for path in (part / "dense" / IMAGES).rglob("*"))
+            if made < registered:
+                raise InputError(f"COLMAP undistorted {made} of {registered} photographs only: see to {images}")
             put(part / "dense", dense)
     notes = _depth(pycolmap, dense, options, tell)
     fused = workspace / "fused.ply"
-    if not fused.is_file():
+    if _points(fused) < LEAST:
         tell("fusion", 0.0)
         _fuse(pycolmap, dense, fused)
         tell("fusion", 1.0)
-    points = _vertices(fused)
-    if points < 100:
-        raise InputError(f"the views agree on the depth of {points} points only: there is no surface to make")
-    mesh = workspace / "mesh.ply"
-    if not mesh.is_file():
+    points, mesh = _points(fused), workspace / "mesh.ply"
+    if not _has_faces(mesh):
         tell("mesh", 0.0)
-        meshing = pycolmap.PoissonMeshingOptions()
-        meshing.depth, meshing.trim = options.poisson_depth, options.trim
-        with scratch(workspace) as part:
-            pycolmap.poisson_meshing(fused, part / "mesh.ply", meshing)
-            if not (part / "mesh.ply").is_file():
-                raise InputError(f"Poisson meshing of {fused} gave no surface")
-            put(part / "mesh.ply", mesh)
+        _mesh(pycolmap, fused, mesh, options)
         tell("mesh", 1.0)
-    registered = pycolmap.Reconstruction(str(model)).num_reg_images()
     if registered < len(names):
         notes.append(f"{len(names) - registered} of {len(names)} photographs could not be oriented")
     return Reconstructed(registered, len(names), points, tuple(notes))
@@ -179,16 +182,41 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
     if not pycolmap.has_cuda:
         options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
     with scratch(fused.parent) as part:
-        pycolmap.stereo_fusion(part / "fused.ply", dense, options=options, output_type="PLY")
-        put(part / "fused.ply", fused)
+        made = part / fused.name
+        pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
+        points = _points(made)
+        if points < LEAST:
+            raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {MORE}")
+        put(made, fused)
 
 
-def _vertices(ply: Path) -> int:
-    """The number of vertices that the header of a PLY names."""
-    with ply.open("rb") as file:
-        for line in file:
+def _mesh(pycolmap: Any, fused: Path, mesh: Path, options: Options) -> None:
+    meshing = pycolmap.PoissonMeshingOptions()
+    meshing.depth, meshing.trim = options.poisson_depth, options.trim
+    with scratch(mesh.parent) as part:
+        made = part / mesh.name
+        pycolmap.poisson_meshing(fused, made, meshing)
+        if not _has_faces(made):
+            points = _points(fused)
+            raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {MORE}")
+        put(made, mesh)
+
+
+def _points(fused: Path) -> int:
+    """How many points a PLY of COLMAP's fusion holds; 0 where there is none, or it is cut short."""
+    if not fused.is_file():
+        return 0
+    with fused.open("rb") as file:
+        for line in itertools.islice(file, 30):
             if line.startswith(b"element vertex"):
-                return int(line.split()[2])
-            if line.startswith(b"end_header"):
-                break
+                number = int(line.split()[2])
+                return number if fused.stat().st_size > number * RECORD else 0
     return 0
+
+
+def _has_faces(mesh: Path) -> bool:
+    """Whether a file is there and a mesh, whole and with faces."""
+    try:
+        return any(len(part) for part in read_mesh(mesh)[1])
+    except (OSError, ValueError):
+        return False

@@ -49,9 +49,10 @@ class TiledMatcher:
         """Match one pair. Inputs are those of `PolygonMatcher`, and every raster that GDAL reads (extra `geo`).
 
         Raises `InputError` for what cannot be read as a photograph, `OutputError` where `kept` cannot be written.
+        Threads and forks are as with `PolygonMatcher`.
         """
         raster = self.config.raster
-        with opened(left, right, raster.bands, raster.gsd) as sources:
+        with self._whole.turns, opened(left, right, raster.bands, raster.gsd) as sources:
             if not in_tiles(sources, self.config):
                 return match_whole(self._whole, sources, self.config)
             least = _least_areas(sources, self.config)

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zpm2.errors import WeightsError
+from zpm2.turns import networks_loaded
 from zpm2.weights import licence
+from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
-from zpm2.weights.store import Progress, Status, cache_dir, converted_dir, find, status
+from zpm2.weights.store import Progress, Status, cache_dir, find, status
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -24,7 +26,7 @@ __all__ = [
     "Progress",
     "Status",
     "cache_dir",
-    "converted_dir",
+    "converted",
     "entry",
     "get",
     "load_state_dict",
@@ -80,12 +82,14 @@ def load_state_dict(
 
     Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
     which is taken off. LighterGlue's file keeps its prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
+    `ForkError` in a child of a process that loaded some (`zpm2.turns`).
     """
     import pickle
 
     import torch
 
     path = get(name, directory=directory, progress=progress)
+    networks_loaded()
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zpm2.errors import OutputError, WeightsError
-from zpm2.weights.manifest import MANIFEST, Entry, entry
+from zpm2.weights.manifest import MANIFEST, Entry
 
 Progress = Callable[[int, int], None]  # (bytes done, bytes in all)
 
@@ -42,19 +42,6 @@ def cache_dir() -> Path:
     from platformdirs import user_cache_dir
 
     return Path(user_cache_dir("zpm2")) / "weights"
-
-
-def converted_dir(name: str, key: str) -> Path:
-    """The folder, made if need be, for models converted from the weights `name`.
-
-    `key` tells conversions apart (the weights' hash, the converter's version); a new key is a new folder.
-    """
-    folder = cache_dir() / "converted" / f"{entry(name).name}-{key}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WeightsError(f"cannot make the folder {folder} for the converted {name}: {error.strerror}") from error
-    return folder
 
 
 def folders(directory: str | Path | None = None) -> list[Path]:

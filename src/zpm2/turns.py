@@ -1,0 +1,44 @@
+"""Who may run networks: one thread at a time, and no child that was forked from a process that had loaded some.
+
+Such a child lacks the threads that torch and OpenVINO compute with, and would wait for them for ever.
+"""
+
+import os
+import threading
+from typing import Any
+
+from zpm2.errors import ForkError
+
+_loaded_in: int | None = None  # the process that loaded networks first, this one or one that it was forked from
+
+
+def networks_loaded() -> None:
+    """Remembers that this process has networks. `ForkError` where it was forked from one that has."""
+    global _loaded_in
+    refuse_forked()
+    _loaded_in = os.getpid()
+
+
+def refuse_forked() -> None:
+    """`ForkError` in a process that was forked from one that had loaded networks."""
+    if _loaded_in not in (None, os.getpid()):
+        raise ForkError(
+            "this process was forked from one that had loaded networks, which would hang here: start processes with "
+            'multiprocessing.get_context("spawn"), or fork before the first match'
+        )
+
+
+class Turns:
+    """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
+
+    def __init__(self) -> None:
+        self._lock, self._process = threading.RLock(), os.getpid()
+
+    def __enter__(self) -> None:
+        refuse_forked()
+        if self._process != os.getpid():  # a thread that was not forked along may hold the lock for ever
+            self._lock, self._process = threading.RLock(), os.getpid()
+        self._lock.acquire()
+
+    def __exit__(self, *_: Any) -> None:
+        self._lock.release()
