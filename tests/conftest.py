@@ -3,6 +3,10 @@
 import os
 from pathlib import Path
 
+# Test processes run side by side, one for each core: each computes with one thread. Before numpy and torch are loaded.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 from rendered import Outcome, Pair, Run, save_pair
