@@ -17,6 +17,7 @@ from zpm2.console import (
     METHOD,
     REGIONS,
     RESULT,
+    AllowVrt,
     AsJson,
     Bands,
     Command,
@@ -30,6 +31,7 @@ from zpm2.console import (
     Seed,
     Settings,
     WeightsDir,
+    allow_vrt,
     bars,
     choices,
     configure,
@@ -186,6 +188,7 @@ def match_command(
         ),
     ] = None,
     bands: Bands = None,
+    allowed: AllowVrt = None,
     gsd: Annotated[
         str | None,
         typer.Option(
@@ -231,6 +234,7 @@ def match_command(
     formats = _formats(formats)
     own = own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
+    allow_vrt(allowed)
     inputs = left, right, left_regions, right_regions
     folder = fresh_folder(out, *inputs, names=file_names(formats), kept=TILES)
     with folder, bars(quiet or as_json) as (progress, say):
