@@ -11,6 +11,7 @@ import PIL.Image
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from listener import listening
 from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
@@ -385,3 +386,19 @@ def test_a_contact_sheet_names_matches_by_their_ids(result: MatchResult, monkeyp
     )
     result.contact_sheet()
     assert said == [f"match {m.id}   (right {m.right})   {m.confidence:.2f}" for m in result.matches]
+
+
+@pytest.mark.parametrize(
+    "crs", ["{url}/crs", "/vsicurl/{url}/crs", "crs.txt", "/etc/passwd", "IGNF:{url}", 3, ["EPSG:1"]]
+)
+def test_a_reference_system_is_no_address(tmp_path: Path, crs: Any) -> None:
+    """GDAL would ask for it."""
+    build().save(tmp_path)
+    document = json.loads((tmp_path / "matches.json").read_text())
+    with listening() as calls:
+        document["left"]["crs"] = crs.format(url=calls.address) if isinstance(crs, str) else crs
+        document["left"]["transform"] = [[1, 0, 0], [0, -1, 0]]
+        (tmp_path / "matches.json").write_text(json.dumps(document))
+        with pytest.raises(InputError):
+            MatchResult.load(tmp_path)
+    assert calls.calls == []

@@ -113,6 +113,7 @@ def settings() -> Iterator[None]:
 def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
     """The file and all that GDAL opens with it, each with its driver."""
     found: dict[Path, str] = {}
+    listed: dict[Path, dict[str, list[Path]]] = {}
     beside = Path(os.path.realpath(file)).parent  # of links, the folder that GDAL resolves names from
     unchecked = [(file, what, 0)]
     while unchecked:
@@ -125,7 +126,8 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
         if found[path] == "VRT":
             for source in vrt.sources(path, beside, name):
                 unchecked.append((source, f"source {source} of {what}", depth + 1))
-        unchecked += [(side, f"side file {side} of {what}", 0) for side in _side_files(path, name)]
+        sides = _side_files(path, name, listed)
+        unchecked += [(side, f"side file {side} of {what}", 0) for side in sides]
     return list(found.items())
 
 
@@ -142,24 +144,28 @@ def _driver(path: Path, what: str) -> str:
     raise Unopened(str(values.unknown_format(what)))
 
 
-def _side_files(path: Path, what: str) -> list[Path]:
-    """The overview and mask files that GDAL opens with a file, whatever they are. `InputError` where one is no TIFF."""
+def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:
+    """The overview and mask files that GDAL opens with a file, whatever they are. `InputError` where one is no TIFF.
+
+    listed: of folders, what their files are called in small letters; it is filled in here.
+    """
+    if path.parent not in listed:
+        names = listed[path.parent] = {}
+        for side in sorted(path.parent.iterdir()):
+            if side.suffix.lower() in (".ovr", ".msk", ".aux"):
+                names.setdefault(side.name.lower(), []).append(side)
     name, found = path.name.lower(), []
-    own = {f"{name}.ovr", f"{name}.msk", f"{name}.aux", f"{path.stem.lower()}.aux"}
-    try:
-        beside = [Path(entry) for entry in os.scandir(path.parent) if entry.name.lower() in own]
-    except PermissionError:  # GDAL may not list it either, and tries the names as they are
-        beside = [path.with_name(entry) for entry in own if path.with_name(entry).exists()]
-    for side in sorted(beside):
-        with side.open("rb") as file:
-            head = file.read(HEAD)
-        if side.suffix.lower() == ".aux":
-            if head.startswith(_HFA):
-                raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")
-        elif head:
-            if not re.match(SIGNATURES["GTiff"], head):
-                raise InputError(f"{what} has a side file {side}, which is no TIFF: remove it")
-            found.append(side)
+    for ending in (f"{name}.ovr", f"{name}.msk", f"{name}.aux", f"{path.stem.lower()}.aux"):
+        for side in listed[path.parent].get(ending, []):
+            with side.open("rb") as file:
+                head = file.read(HEAD)
+            if ending.endswith(".aux"):
+                if head.startswith(_HFA):
+                    raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")
+            elif head:
+                if not re.match(SIGNATURES["GTiff"], head):
+                    raise InputError(f"{what} has a side file {side}, which is no TIFF: remove it")
+                found.append(side)
     return found
 
 
