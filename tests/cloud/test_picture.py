@@ -120,5 +120,7 @@ def test_markup_is_shown_as_text_in_a_browser(cloud: PolygonCloud, tmp_path: Pat
 def marked(cloud: PolygonCloud) -> PolygonCloud:
     """The cloud with labels and file names that a page could take for its own."""
     views = [dataclasses.replace(view, name=f"{MARKUP}{k}.png") for k, view in enumerate(cloud.views)]
-    patches = [dataclasses.replace(patch, label=MARKUP) for patch in cloud.patches]
+    patches = [
+        dataclasses.replace(patch, polygon=dataclasses.replace(patch.polygon, label=MARKUP)) for patch in cloud.patches
+    ]
     return dataclasses.replace(cloud, views=views, patches=patches)
