@@ -128,7 +128,7 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
         try:
             return Held(pictures.read_file(path, what), _missed(path), gsd)
         except pictures.UnknownFormat as error:
-            raise InputError(f'{error}; with pip install "zpm2[geo]" every raster that GDAL knows is read') from error
+            raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
     except Unopened as error:
         try:
             image = pictures.read_file(path, what)
