@@ -21,7 +21,8 @@ settings.load_profile("zpm2")
 
 @pytest.fixture(autouse=True)
 def _own_weights(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only tests marked `weights` see the machine's weights and may fetch them."""
+    """Only tests marked `weights` see the machine's weights and may fetch them; no option outlives its test."""
+    monkeypatch.setenv("ZPM2_ALLOW_VRT", "")
     if not request.node.get_closest_marker("weights"):
         monkeypatch.setenv("ZPM2_WEIGHTS", "")
         monkeypatch.setenv("ZPM2_CACHE", str(tmp_path / "cache"))

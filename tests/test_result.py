@@ -13,6 +13,7 @@ import PIL.Image
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from listener import listening
 from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
@@ -410,3 +411,18 @@ def test_a_time_that_the_user_told_gdal_stays(result: MatchResult, tmp_path: Pat
         pyogrio.set_gdal_config_options({name: None})
     with contextlib.closing(sqlite3.connect(folder / "matches.gpkg")) as file:
         assert set(file.execute("select last_change from gpkg_contents")) == {(time,)}
+
+
+@pytest.mark.parametrize(
+    "crs", ["{url}/crs", "/vsicurl/{url}/crs", "crs.txt", "/etc/passwd", "IGNF:{url}", 3, ["EPSG:1"]]
+)
+def test_a_reference_system_is_no_address(tmp_path: Path, crs: Any) -> None:
+    """GDAL would ask for it."""
+    document = build().to_dict()
+    with listening() as calls:
+        document["left"]["crs"] = crs.format(url=calls.address) if isinstance(crs, str) else crs
+        document["left"]["transform"] = [[1, 0, 0], [0, -1, 0]]
+        (tmp_path / "matches.json").write_text(json.dumps(document))
+        with pytest.raises(InputError):
+            MatchResult.load(tmp_path)
+    assert calls.calls == []

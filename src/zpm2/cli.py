@@ -18,6 +18,7 @@ from zpm2.console import (
     METHOD,
     REGIONS,
     RESULT,
+    AllowVrt,
     AsJson,
     Bands,
     Command,
@@ -31,6 +32,7 @@ from zpm2.console import (
     Seed,
     Settings,
     WeightsDir,
+    allow_vrt,
     bars,
     choices,
     configure,
@@ -200,6 +202,7 @@ def match_command(
         ),
     ] = None,
     bands: Bands = None,
+    allowed: AllowVrt = None,
     gsd: Annotated[
         str | None,
         typer.Option(
@@ -245,6 +248,7 @@ def match_command(
     formats = _formats(formats)
     own = own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
+    allow_vrt(allowed)
     inputs = left, right, left_regions, right_regions
     folder = fresh_folder(out, *inputs, names=file_names(formats), kept=TILES)
     with folder, bars(quiet or as_json) as (progress, say):

@@ -11,6 +11,7 @@ import typer
 
 from zpm2.console import (
     RESULT,
+    AllowVrt,
     AsJson,
     Bands,
     ConfigFile,
@@ -21,6 +22,7 @@ from zpm2.console import (
     Seed,
     Settings,
     WeightsDir,
+    allow_vrt,
     bars,
     configure,
     fresh_folder,
@@ -107,6 +109,7 @@ def cloud(
     ] = None,
     las: Annotated[bool, typer.Option("--las", help="Write points.las too.", rich_help_panel=RESULT)] = False,
     bands: Bands = None,
+    allowed: AllowVrt = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -141,6 +144,7 @@ def cloud(
     if las:
         require_laspy()
     use_weights(weights_dir)
+    allow_vrt(allowed)
     names = [*NAMES, "mesh.ply"] if stereo else NAMES
     names = [*names, *([] if matches else [PAIRS])]
     given = mesh, images, cameras, calib, disparity, *(Path(text) for text in (k, k2) if text is not None)

@@ -141,6 +141,15 @@ Bands = Annotated[
         help="One band or three (red,green,blue), from 1 on.  [default: as the file says]", rich_help_panel=LARGE
     ),
 ]
+AllowVrt = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--allow-vrt",
+        metavar="FOLDER",
+        help="Read VRT files with sources below this folder, not only beside them. Repeatable.",
+        rich_help_panel=LARGE,
+    ),
+]
 Device = Annotated[
     str | None,
     typer.Option(
@@ -178,6 +187,13 @@ def use_weights(directory: Path | None) -> None:
         if not directory.is_dir():
             raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
         os.environ["ZPM2_WEIGHTS"] = str(directory)
+
+
+def allow_vrt(folders: list[Path] | None) -> None:
+    """Let VRT files have sources below some folders of the user's."""
+    from zpm2.io import vrt
+
+    vrt.allow(folders or [])
 
 
 @contextmanager

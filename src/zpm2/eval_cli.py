@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zpm2.console import Method, Out, Preset, Quiet, Settings, fresh_folder, one_of
+from zpm2.console import AllowVrt, Method, Out, Preset, Quiet, Settings, allow_vrt, fresh_folder, one_of
 from zpm2.errors import ConfigError, InputError
 from zpm2.methods import check_method, open_method
 
@@ -53,6 +53,7 @@ def evaluate(
     ] = None,
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
+    allowed: AllowVrt = None,
     quiet: Quiet = False,
 ) -> None:
     """Match every pair of a data set and score the matches.
@@ -66,6 +67,7 @@ def evaluate(
     from zpm2.evaluate.kept import KeptRegions
 
     check_method(method)
+    allow_vrt(allowed)
     config = configuration.assign(configuration.preset(preset), settings or [])
     if parquet:
         report.require_parquet()

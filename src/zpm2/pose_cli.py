@@ -11,6 +11,7 @@ from zpm2.console import (
     CAMERAS,
     METHOD,
     RESULT,
+    AllowVrt,
     AsJson,
     Bands,
     ConfigFile,
@@ -21,6 +22,7 @@ from zpm2.console import (
     Seed,
     Settings,
     WeightsDir,
+    allow_vrt,
     bars,
     choices,
     configure,
@@ -94,6 +96,7 @@ def pose(
         ),
     ] = None,
     bands: Bands = None,
+    allowed: AllowVrt = None,
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
@@ -123,6 +126,7 @@ def pose(
         if len(set(distinct_names([left, right]))) < 2:
             raise ConfigError(f"--colmap needs two photographs, {left} is given twice")
     use_weights(weights_dir)
+    allow_vrt(allowed)
 
     from zpm2.io.images import read_image
     from zpm2.pose import PoseFinder

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from zpm2.console import AsJson, Out, Quiet, bars, fresh_folder
+from zpm2.console import AllowVrt, AsJson, Out, Quiet, allow_vrt, bars, fresh_folder
 from zpm2.errors import ConfigError
 
 
@@ -27,6 +27,7 @@ def reconstruct(
         bool,
         typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
     ] = False,
+    allowed: AllowVrt = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -39,6 +40,7 @@ def reconstruct(
         raise ConfigError(f"--max-size {max_size}: give at least 100 px, and at most 100,000")
     if not 1 <= neighbors <= 1000:
         raise ConfigError(f"--neighbors {neighbors}: give at least 1, and at most 1000")
+    allow_vrt(allowed)
     from zpm2.cloud.workspace import read_views
     from zpm2.io.images import read_image
     from zpm2.io.inputs import distinct_names, some_photographs

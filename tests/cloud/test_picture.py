@@ -1,5 +1,6 @@
 """The picture from three viewpoints, and the page in a browser."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -77,13 +78,49 @@ def test_the_page_needs_nothing_else(cloud: PolygonCloud) -> None:
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_the_page_in_a_browser(cloud: PolygonCloud, tmp_path: Path) -> None:
     """It draws, and pointing at the middle names the polygon there; beside all polygons it names none."""
-    file = tmp_path / "cloud.html"
-    file.write_text(page(cloud), encoding="utf-8")
     middle = np.argmin([np.linalg.norm(p.patch.centroid[:2]) for p in cloud.patches])
     for place, expected in (("0.5,0.5", int(middle)), ("0.02,0.5", -1)):
-        words = [str(CHROMIUM), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
-        done = subprocess.run([*words, f"{file.as_uri()}#pick={place}"], capture_output=True, timeout=120, check=True)
-        dom = done.stdout.decode()
-        assert 'data-ready="yes"' in dom, done.stderr.decode()[-2000:]
+        dom = opened(cloud, place, tmp_path)
         assert f'data-picked="{expected}"' in dom
         assert (f"Polygon {expected}" in dom) == (expected >= 0)
+
+
+def opened(cloud: PolygonCloud, place: str, folder: Path) -> str:
+    """What a browser makes of the page with the pointer at a place."""
+    file = folder / "cloud.html"
+    file.write_text(page(cloud), encoding="utf-8")
+    words = [str(CHROMIUM), *FLAGS, f"--user-data-dir={folder / 'profile'}", "--dump-dom"]
+    done = subprocess.run([*words, f"{file.as_uri()}#pick={place}"], capture_output=True, timeout=120, check=True)
+    dom = done.stdout.decode()
+    assert 'data-ready="yes"' in dom, done.stderr.decode()[-2000:]
+    return dom
+
+
+MARKUP = "</script><!--<script><img src=x onerror=document.title='pwned'>\u2028\u2029]]>&lt;'\"`${1}"
+
+
+def test_names_and_labels_full_of_markup_stay_text(cloud: PolygonCloud) -> None:
+    text = page(marked(cloud))
+    inside = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1]
+    assert "<" not in inside
+    assert inside.isascii()
+    data = json.loads(inside)
+    assert data["views"] == [f"{MARKUP}{k}.png" for k in range(2)]
+    assert {polygon["label"] for polygon in data["polygons"]} == {MARKUP}
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_markup_is_shown_as_text_in_a_browser(cloud: PolygonCloud, tmp_path: Path) -> None:
+    dom = opened(marked(cloud), "0.5,0.5", tmp_path)
+    assert "pwned" not in re.search(r"<title>(.*?)</title>", dom, re.S)[1]
+    assert "<img" not in re.sub(r"<script.*?</script>", "", dom, flags=re.S)
+    assert dom.count("&lt;img src=x onerror=") >= 2  # in the title of the polygon, and where it was seen
+
+
+def marked(cloud: PolygonCloud) -> PolygonCloud:
+    """The cloud with labels and file names that a page could take for its own."""
+    views = [dataclasses.replace(view, name=f"{MARKUP}{k}.png") for k, view in enumerate(cloud.views)]
+    patches = [
+        dataclasses.replace(patch, polygon=dataclasses.replace(patch.polygon, label=MARKUP)) for patch in cloud.patches
+    ]
+    return dataclasses.replace(cloud, views=views, patches=patches)

@@ -120,6 +120,26 @@ def test_files_say_what_the_rows_say(root: Path, pair: Pair, tmp_path: Path) -> 
     assert "| a/good |" in text
 
 
+@pytest.mark.parametrize(
+    "name", ["=1+1", "+1", "-1", "@SUM(A1)", " =1", "\t=1", "\r=1", "＝1", "-", "=cmd|' /C calc'!A0"]
+)
+def test_no_name_is_a_formula_in_a_table(tmp_path: Path, name: str) -> None:
+    rows = [{"pair": name, "status": name, "MAS": -0.5, "good": -1}, {"pair": "a=1-b", "status": "ok"}]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(report, "summary", lambda rows: {})
+        patched.setattr(report, "markdown", lambda *rest: "")
+        report.write("title", rows, tmp_path, "zpm2 eval")
+    with (tmp_path / "rows.csv").open(newline="") as file:
+        first, second = csv.DictReader(file)
+    assert first["pair"] == first["status"] == f"'{name}"
+    assert (first["MAS"], first["good"], second["pair"]) == ("-0.5", "-1", "a=1-b")
+
+
+def test_no_name_is_markup_in_a_table() -> None:
+    line = report.table(["pair"], [["a|b\n<img src=x>"]]).splitlines()[-1]
+    assert line == "| a\\|b &lt;img src=x> |"
+
+
 def test_a_damaged_prediction_is_a_problem_of_its_pair(root: Path, pair: Pair, tmp_path: Path) -> None:
     pairs, out = list(open_dataset("pairs", root).pairs())[:2], tmp_path / "out"
     predictions.predict(pairs, Counting(pair).load, out, lambda _: None)

@@ -130,6 +130,28 @@ def test_ids_and_properties_of_given_regions(tmp_path, form):
         assert len(fields) == len(FIELDS) + 1 + len({name for row in GIVEN for name in row})
 
 
+NASTY = ['a"; DROP TABLE "left"; --', "it's", "=1+1", "</b>", "a\nb", "]]>", "%s{}", "\u2028", '\\"']
+
+
+@pytest.mark.parametrize("text", NASTY)
+def test_names_are_data_whatever_they_hold(tmp_path, text):
+    """In column names what cannot be printed is a blank."""
+    ring = np.array([[0, 0], [4, 0], [4, 4.0]])
+    polygon = Polygon(1, ring, (), 0.5, label=text, source_id=text, properties={text: text})
+    left = layer(utm(), polygons=[polygon])
+    packed(tmp_path, left)
+    column = "".join(letter if letter.isprintable() else " " for letter in text)
+    with sqlite3.connect(tmp_path / "a.gpkg") as base:
+        base.row_factory = sqlite3.Row
+        (row,) = base.execute('SELECT * FROM "left"')
+    assert [row[name] for name in ("label", "source_id", column)] == [text] * 3
+    gis.write_shapefile(tmp_path, left)
+    meta, _, _, columns = pyogrio.raw.read(tmp_path / "left.shp")
+    assert dict(zip(meta["fields"], columns, strict=True))["label"].tolist() == [text]
+    again = json.loads(geojson.write(tmp_path / "a.geojson", feature_collection(left)).read_text(encoding="utf-8"))
+    assert again["features"][0]["properties"][text] == text
+
+
 @pytest.mark.parametrize("count", [150, 300, 2100])
 def test_more_properties_than_a_format_holds(tmp_path, count):
     """The first ones are there, under names of their own, and that some are missing is said."""

@@ -337,14 +337,12 @@ def test_only_the_first_page_is_used(tmp_path):
     assert np.array_equal(second.rgb, 255 - pixels(RGB))
 
 
-def test_a_container_of_rasters_names_them(tmp_path):
+def test_a_format_that_is_not_listed_is_refused(tmp_path):
     source = write(tmp_path / "a.tif", RGB, crs="EPSG:32632", transform=UTM, photometric="RGB")
-    path = tmp_path / "a.gpkg"
-    for name, append in (("ONE", "NO"), ("TWO", "YES")):
-        shutil.copy(source, path, driver="GPKG", raster_table=name, append_subdataset=append)
-    with pytest.raises(InputError, match=r"holds several rasters: give one of GPKG:.*:ONE, GPKG:.*:TWO$"):
-        open_raster(path)
-    assert read(f"GPKG:{path}:TWO").rgb.shape == (120, 160, 3)
+    for name, driver in (("a.gpkg", "GPKG"), ("a.img", "HFA"), ("a.ntf", "NITF"), ("a.bin", "ENVI")):
+        shutil.copy(source, tmp_path / name, driver=driver)
+        with pytest.raises(InputError, match=r"not a picture in a known format"):
+            open_raster(tmp_path / name)
 
 
 def test_tiles_and_overviews(tmp_path):

@@ -1,5 +1,6 @@
 """What COLMAP's own library reads back of a database and a model."""
 
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from test_relative import PLAIN, found
 from views import camera, matched, views
 
 from zpm2.errors import InputError, MissingDependency
-from zpm2.io.colmap import read_cameras
+from zpm2.io.colmap import read_cameras, read_model
 from zpm2.pose import PoseFinder, colmap
 
 pycolmap = pytest.importorskip("pycolmap")
@@ -62,3 +63,12 @@ def test_what_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(MissingDependency, match=r'pip install "zpm2\[colmap\]"'):
         colmap.write(found(views(0)), NAMES, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_names_with_lines_of_their_own_stay_names(tmp_path: Path) -> None:
+    """What would be two lines of a text model is one name of a binary one, and of the database."""
+    names = "a.png\n2 1 0 0 0 0 0 0 1 b.png", "=1+1'; DROP TABLE images; --.png"
+    folder = colmap.write(found(views(0)), names, tmp_path)
+    assert set(read_model(folder / "sparse" / "0").images) == set(names)
+    with sqlite3.connect(folder / "database.db") as base:
+        assert {name for (name,) in base.execute("SELECT name FROM images")} == set(names)

@@ -38,7 +38,7 @@ def page(cloud: PolygonCloud) -> str:
             _part("tubes", shown, shown.tube),
         ],
     }
-    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text ends the script, or begins another
     template = resources.files("zpm2.cloud").joinpath("page.html").read_text(encoding="utf-8")
     return template.replace("/*DATA*/", text)
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from zpm2.detect.given import Reader, Reading, Region, check_size
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
-from zpm2.io import pictures
+from zpm2.io import gdal, pictures
 from zpm2.io.values import MAX_PIXELS
 from zpm2.model import Image, Mask
 
@@ -80,21 +80,22 @@ def _array(path: Path, what: str) -> Values:
 
 def _picture(path: Path, what: str) -> tuple[Values, Hidden]:
     """By rasterio, which knows more kinds of TIFF, or else by Pillow."""
+    if not path.stat().st_size:
+        raise _unreadable(path, what)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a label image without georeference, or a large one, is as it should be
         try:
             return _by_rasterio(path, what)
-        except ImportError:
+        except MissingDependency:
             return _by_pillow(path, what)
 
 
 def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
-    import rasterio
+    gdal.require_rasterio()
     from rasterio.enums import ColorInterp
 
     try:
-        # the shortcut for whole PNG files takes what is missing of one for background
-        with rasterio.Env(GDAL_PNG_WHOLE_IMAGE_OPTIM="NO"), rasterio.open(path) as file:
+        with gdal.settings(), gdal.open_file(path, what) as file:
             _check(what, file.width, file.height, len(file.subdatasets))
             alone = file.count == 2 and file.colorinterp[1] == ColorInterp.alpha
             if file.count != 1 and not alone:
@@ -102,6 +103,8 @@ def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
             values, hidden = file.read(1), file.read_masks(1) == 0
             if file.colorinterp[0] == ColorInterp.palette:
                 hidden |= np.isin(values, [value for value, color in file.colormap(1).items() if not color[3]])
+    except gdal.Unopened as error:
+        raise _unreadable(path, what) from error
     except (Zpm2Error, MemoryError):
         raise
     except Exception as error:  # GDAL's errors have no public base class
@@ -112,7 +115,7 @@ def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
 def _by_pillow(path: Path, what: str) -> tuple[Values, Hidden]:
     try:
         # not by its path: what is mapped into memory Pillow reads with the sides of the turned picture
-        with path.open("rb") as stream, PIL.Image.open(stream) as file:
+        with path.open("rb") as stream, pictures.opened(stream) as file:
             _check(what, file.width, file.height, getattr(file, "n_frames", 1))
             turned, nodata = file.getexif().get(ORIENTATION, 1), getattr(file, "tag_v2", {}).get(NODATA)
             transparent = file.info.get("transparency")

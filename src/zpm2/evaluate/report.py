@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ COUNTS = ("good", "scored", "unscored", "gt")
 SHARES = ("MAS", "P", "R", "F1", "ACR", "AOR", "CCR", "CCR5")  # of `Scores.to_dict`, means are taken over pairs
 PAPER = ("P", "R", "F1", "ACR")  # by the paper's ground truth too
 Row = dict[str, Any]
+
+_FORMULA = re.compile(r"\s*[=+@\uff1d\uff0b\uff0d\uff20-]|[\t\r\n]")  # how one begins, in wide letters too
 
 
 def row(pair: EvalPair, out: Path) -> Row:
@@ -143,7 +146,7 @@ def markdown(title: str, rows: Sequence[Row], made_by: str, beside: str = "") ->
     parts = [f"# {title}", f"Made by `{made_by}`.", _summary_table(total)]
     if beside:
         parts += ["## Beside published rows", beside]
-    problems = [f"- {r['pair']}: {r['status']}" for r in rows if r["status"] != "ok"]
+    problems = [f"- {_cell(r['pair'])}: {_cell(r['status'])}" for r in rows if r["status"] != "ok"]
     if problems:
         parts += ["## Problems", "\n".join(problems)]
     columns = ["pair", "left", "right", "matches", "good", "scored", "gt", "MAS", "P", "R", "CCR", "CCR5"]
@@ -178,7 +181,7 @@ def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: boo
     text = io.StringIO()
     writer = csv.DictWriter(text, columns)
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: _harmless(value) for name, value in r.items()} for r in rows)
     atomic_write(out / "rows.csv", text.getvalue())
     atomic_write(out / "summary.json", json.dumps({"title": title, "made_by": made_by, **summary(rows)}, indent=1))
     atomic_write(out / "summary.md", markdown(title, rows, made_by, beside))
@@ -229,4 +232,9 @@ def _cell(value: Any) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.3f}" if abs(value) < 10 else f"{value:.1f}"
-    return str(value)
+    return " ".join(str(value).split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def _harmless(value: Any) -> Any:
+    """A cell of a CSV file: a text, such as a name, that a spreadsheet would take for a formula begins with '."""
+    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

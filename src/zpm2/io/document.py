@@ -1,5 +1,6 @@
 """The parts of a `matches.json` as plain values, and back."""
 
+import re
 from collections.abc import Mapping
 from operator import index
 from typing import Any
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 
 from zpm2.errors import Failed
 from zpm2.model import Georeference, PointMatches, Polygon, PolygonMatch, Side
+
+_CRS = re.compile(r"EPSG:\d+|\s*[A-Z][A-Z_0-9]*\s*[\[(].*", re.DOTALL)
 
 
 def side_to_dict(side: Side) -> dict[str, Any]:
@@ -96,8 +99,11 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
         for p in values["polygons"]
     ]
     transform, rpc = values.get("transform"), values.get("rpc")
+    crs = values.get("crs")
+    if crs is not None and not _CRS.fullmatch(crs):  # GDAL takes addresses and names of files too
+        raise ValueError(f"crs {crs[:40]!r} is neither EPSG:... nor WKT")
     geo = Georeference(
-        values.get("crs"),
+        crs,
         None if transform is None else np.array(transform, np.float64).reshape(2, 3),
         values.get("gsd"),
         None if rpc is None else _named(rpc),

@@ -5,6 +5,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.io import pictures
 from zpm2.model import Camera
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ def orientation(image: str | None) -> int:
     if image is None:
         return 1
     try:
-        with PIL.Image.open(image) as picture:
+        with pictures.opened(image) as picture:
             value = picture.getexif().get(ORIENTATION, 1)
     except (OSError, SyntaxError, ValueError, TypeError, LookupError, PIL.Image.DecompressionBombError):
         return 1

@@ -19,6 +19,12 @@ from zpm2.io import values
 from zpm2.messages import Note
 from zpm2.model import Image
 
+# Pillow's names of the formats that are read. Others are not tried: that for PostScript, for one, starts a program.
+FORMATS = (
+    *("AVIF", "BMP", "DDS", "DIB", "GIF", "ICO", "JPEG", "JPEG2000", "MPO", "PCX", "PNG", "PPM", "QOI", "SGI", "TGA"),
+    *("TIFF", "WEBP"),
+)
+
 _EXIF_ORIENTATION = 274
 _BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
 _DAMAGE = (
@@ -68,6 +74,13 @@ def from_picture(picture: PIL.Image.Image, what: str) -> Image:
     return values.to_image(pixels, what, None, notes, nodata=nodata)
 
 
+def opened(file: Any) -> PIL.Image.Image:
+    """Pillow's picture of a path or open file of one of our `FORMATS`. All that Pillow opens for us is opened here, or
+    names its format. Errors are those of `PIL.Image.open`."""
+    PIL.Image.init()
+    return PIL.Image.open(file, formats=[name for name in FORMATS if name in PIL.Image.OPEN])  # some are optional
+
+
 def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
     """(width, height) px as the file stores them, and the notes on its orientation and pages; None where Pillow does
     not know the file. Nothing is unpacked."""
@@ -76,7 +89,7 @@ def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
         warnings.filterwarnings("ignore", module="PIL")
         before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
         try:
-            with PIL.Image.open(path) as picture:
+            with opened(path) as picture:
                 orientation = _orientation(picture, notes)
                 size = picture.size
                 if picture.format == "TIFF":
@@ -96,7 +109,7 @@ def first_page_note(pages: int) -> str:
 
 def _opened(file: Any, what: str) -> PIL.Image.Image:
     try:
-        return PIL.Image.open(file)
+        return opened(file)
     except PIL.UnidentifiedImageError as error:
         raise UnknownFormat(str(values.unknown_format(what))) from error
     except _DAMAGE as error:

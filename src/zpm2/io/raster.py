@@ -1,10 +1,10 @@
-"""Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth."""
+"""Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth.
+
+What is opened at all, `io.gdal` says.
+"""
 
 import math
-import re
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.errors import ConfigError, InputError, MissingDependency
-from zpm2.io import pictures, values
+from zpm2.errors import ConfigError, InputError
+from zpm2.io import gdal, pictures, values
+from zpm2.io.gdal import Unopened
 from zpm2.io.placing import place_of
 from zpm2.messages import Note
 from zpm2.model import Image
@@ -22,16 +23,8 @@ Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
 LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
-CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
 CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
-PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
 SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
-
-_GDAL_NAME = re.compile(r"\w\w+:(?!.*(//|/vsi))")  # of a part of a local file, as GDAL lists its subdatasets
-
-
-class Unopened(InputError):
-    """A file, or a colour model, that GDAL does not read; another library may."""
 
 
 class Raster:
@@ -63,7 +56,7 @@ class Raster:
         self._sampled = gaps_or_colors or self._type.kind == "f"
         self.alpha = _has_alpha(source, self._bands)
         known = not self._mask_bands or self.alpha
-        self.plain = source.driver in PICTURES and self._type == np.uint8 and known and self._range is None
+        self.plain = source.driver in gdal.PICTURES and self._type == np.uint8 and known and self._range is None
         if (self._sampled or self._type != np.uint8) and not self.plain:
             self._look(notes)
         self._place, self.geo = place_of(source, self.width, self.height, gsd, notes)
@@ -166,7 +159,7 @@ class Raster:
         }
         bands, masks = self._bands, self._mask_bands
         reduced = width < x1 - x0 or height < y1 - y0
-        with _gdal(self._reduced_what if reduced else self._what):
+        with gdal.gdal(self._reduced_what if reduced else self._what):
             seen = self._source.read(bands, out_shape=(len(bands), height, width), out_dtype=self._type.name, **how)
             valid = None
             if masks:
@@ -189,16 +182,6 @@ class Raster:
         return 255 - seen if self._negative else seen
 
 
-def require_rasterio() -> Any:
-    """The package, or `MissingDependency`."""
-    try:
-        import rasterio
-        import rasterio.warp
-    except ImportError as error:
-        raise MissingDependency('reading rasters by windows needs rasterio: pip install "zpm2[geo]"') from error
-    return rasterio
-
-
 def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Raster:
     """The raster in a file, of which nothing but a reduced look is read yet.
 
@@ -214,47 +197,22 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
     is GDAL that cannot), complex values, no pixel with data, a side under 32 px. `ConfigError` for bands that are not
     there.
     """
-    rasterio = require_rasterio()
     what = f"{name} {path}"
-    if Path(path).exists() or not _GDAL_NAME.match(str(path)):
-        with values.opened_file(Path(path), what):
-            pass
+    source = gdal.open_file(path, what)
     try:
-        with _gdal(what):
-            source = rasterio.open(path)
-    except InputError as error:
-        raise Unopened(str(error)) from error
-    try:
-        if not source.count:
-            parts = ", ".join(source.subdatasets)
-            raise InputError(f"{what} holds several rasters: give one of {parts}" if parts else f"{what} has no bands")
-        values.check_sides(source.width, source.height, what)
-        return Raster(source, str(path), what, bands, gsd)
+        with gdal.gdal(what):
+            if not source.count:
+                raise InputError(f"{what} has no bands")
+            values.check_sides(source.width, source.height, what)
+            return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()
         raise
 
 
-@contextmanager
-def _gdal(what: str) -> Iterator[None]:
-    """GDAL with our settings; its errors become an `InputError`, its warnings nothing."""
-    rasterio = require_rasterio()
-    # the shortcut for whole PNG files takes what is missing of one for black
-    with warnings.catch_warnings(), rasterio.Env(GDAL_CACHEMAX=CACHE, GDAL_PNG_WHOLE_IMAGE_OPTIM="NO"):
-        warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
-        try:
-            yield
-        except MemoryError:
-            raise
-        except Exception as error:  # GDAL's errors have no public base class
-            if "not recognized as" in str(error):
-                raise values.unknown_format(what) from error
-            raise values.damaged(what, error.__cause__ or error) from error
-
-
 def _file_notes(source: Any, path: str) -> list[str]:
     notes = [pictures.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
-    if source.driver in ("GTiff", *PICTURES) and Path(path).exists():
+    if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
         found = pictures.header(Path(path))
         notes += [] if found is None else found[1]
     overviews = Path(f"{path}.ovr")

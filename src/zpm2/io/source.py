@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
 from zpm2.io import pictures, values
-from zpm2.io.raster import Unopened, Window, open_raster
+from zpm2.io.gdal import Unopened
+from zpm2.io.raster import Window, open_raster
 from zpm2.model import Georeference, Image
 
 Array = NDArray[np.float64]
@@ -127,7 +128,7 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
         try:
             return Held(pictures.read_file(path, what), _missed(path), gsd)
         except pictures.UnknownFormat as error:
-            raise InputError(f'{error}; with pip install "zpm2[geo]" every raster that GDAL knows is read') from error
+            raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
     except Unopened as error:
         try:
             image = pictures.read_file(path, what)
@@ -180,7 +181,7 @@ def _missed(path: Path) -> list[str]:
     """What is lost where rasterio is missing."""
     notes = []
     unreadable = OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError
-    with contextlib.suppress(*unreadable), PIL.Image.open(path) as picture:
+    with contextlib.suppress(*unreadable), pictures.opened(path) as picture:
         if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):
             notes.append('Its georeference was not read: pip install "zpm2[geo]".')
         if picture.width * picture.height > LARGE:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed, InputError
+from zpm2.io import pictures
 from zpm2.io.colmap import camera_of, read_cameras
 from zpm2.io.fit import OFF_CENTRE, ON_CENTRE, checked, fitting_size, off_centre
 from zpm2.io.inputs import text as text_of
@@ -91,7 +91,7 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     the sensor; else, where pycolmap is installed, from its table of sensors by the camera's name.
     """
     try:
-        with PIL.Image.open(image) as picture:
+        with pictures.opened(image) as picture:
             exif = picture.getexif()
             values = exif.get_ifd(EXIF_IFD)
     except (OSError, SyntaxError, ValueError, TypeError, LookupError) as error:

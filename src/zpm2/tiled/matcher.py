@@ -46,7 +46,7 @@ class TiledMatcher:
         self._points = points
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair. Inputs are those of `PolygonMatcher`, and every raster that GDAL reads (extra `geo`).
+        """Match one pair. Inputs are those of `PolygonMatcher`, and rasters of any size (extra `geo`).
 
         Raises `InputError` for what cannot be read as a photograph, `OutputError` where `kept` cannot be written.
         Threads and forks are as with `PolygonMatcher`.
