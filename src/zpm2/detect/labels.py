@@ -15,6 +15,7 @@ from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.io import pictures
 from zpm2.io.values import MAX_PIXELS
 from zpm2.model import Image, Mask
+from zpm2.reading import read_array
 
 Values = NDArray[Any]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
@@ -73,8 +74,8 @@ def _regions(labels: Values) -> list[Region]:
 
 def _array(path: Path, what: str) -> Values:
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+        return read_array(path)
+    except (OSError, ValueError) as error:
         raise _unreadable(path, what) from error
 
 

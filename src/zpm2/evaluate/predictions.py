@@ -16,6 +16,7 @@ from zpm2.io.keys import code, key
 from zpm2.io.places import is_content
 from zpm2.io.record import discard, keep, kept, made_folder
 from zpm2.pose import PoseResult
+from zpm2.reading import read_json
 from zpm2.result import MatchResult
 
 RUN, PREDICTIONS = "run.json", "predictions"
@@ -145,7 +146,7 @@ def peak_mb() -> int | None:
 
 def _read_json(file: Path) -> dict[str, Any]:
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json(file)
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read ({error}); delete it and run again") from error
     if not isinstance(values, dict):

@@ -1,6 +1,5 @@
 """Cameras as data sets and programs write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError
 from zpm2.geometry import HALF_PIXEL
 from zpm2.io.inputs import existing, text
+from zpm2.reading import read_arrays
 
 Array = NDArray[np.float64]
 
@@ -105,9 +105,8 @@ def text_matrix(path: Path) -> Array:
 def archive(path: Path) -> dict[str, Any]:
     """The arrays of an .npz file by name."""
     try:
-        with np.load(existing(path), allow_pickle=False) as file:
-            return dict(file)
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        return read_arrays(existing(path))
+    except (OSError, ValueError) as error:
         raise InputError(f"{path} is damaged or no .npz file: copy or download it again") from error
 
 

@@ -9,6 +9,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.reading import read_array, read_bytes
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 MIXED = 0.05  # share of the known values that may have the other sign
@@ -86,7 +87,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
 
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:
-    content = path.read_bytes()
+    content = read_bytes(path)
     header = _PFM_HEADER.match(content)
     if header is None:
         raise ValueError("no PFM header")
@@ -108,7 +109,7 @@ def _read_png(path: Path) -> NDArray[Any]:
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    values: NDArray[Any] = np.load(path, allow_pickle=False)
+    values: NDArray[Any] = read_array(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"map {path} holds {values.dtype} of shape {values.shape}: give numbers of shape (h, w)")
     return values

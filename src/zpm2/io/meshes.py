@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.reading import read_bytes
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Polygons = list[Indices]  # faces of one number of corners each: (m, k)
@@ -42,7 +44,7 @@ def read_mesh(path: Path) -> tuple[Array, Polygons]:
     `ValueError` for what is none, is cut short, or has faces of vertices that it lacks; `OSError` from the file.
     """
     read = {".ply": _ply, ".obj": _obj, ".off": _off}[path.suffix.lower()]
-    vertices, faces = read(path.read_bytes())
+    vertices, faces = read(read_bytes(path))
     if any(len(part) and (part.min() < 0 or part.max() >= len(vertices)) for part in faces):
         raise ValueError("it has faces of vertices that it does not have: export it again")
     return vertices, faces

@@ -1,6 +1,5 @@
 """A camera from what people have: numbers, a matrix file, a COLMAP model, EXIF, or an assumption that is called one."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from zpm2.io.fit import OFF_CENTRE, ON_CENTRE, checked, fitting_size, off_centre
 from zpm2.io.inputs import text as text_of
 from zpm2.model import Camera
 from zpm2.model.camera import Source
+from zpm2.reading import WRONG, read_array, read_json
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]  # width, height, px
@@ -142,9 +142,9 @@ def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
     distortion = np.zeros(0)
     try:
         if path.suffix.lower() == ".npy":
-            matrix = np.asarray(np.load(path, allow_pickle=False), np.float64)
+            matrix = np.asarray(read_array(path), np.float64)
         elif path.suffix.lower() == ".json":
-            values = json.loads(text_of(path))
+            values = read_json(path)
             matrix = np.array(values["matrix"], np.float64)
             distortion = np.array(values.get("distortion", ()), np.float64).ravel()
             size = int(values.get("width", size[0])), int(values.get("height", size[1]))
@@ -156,7 +156,7 @@ def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
             matrix = flat.reshape(SHAPES[len(flat)])
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except WRONG as error:
         raise InputError(f"--{name} {path} holds no camera matrix ({error!r}): give 3 x 3 numbers in px") from error
     if matrix.shape in ((3, 4), (4, 4)) and matrix[2, :3].tolist() == [0, 0, 1] and not matrix[1, 0]:
         matrix = matrix[:3, :3]  # K with nothing beside it, or the projection of a camera that is not turned
