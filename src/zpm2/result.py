@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import html
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -317,7 +318,7 @@ class MatchResult:
         may be moved, with them or alone. `InputError` for anything else.
         """
         path = Path(path)
-        file = path / "matches.json" if path.is_dir() else path
+        file = path / "matches.json" if os.path.isdir(path) else path
         try:
             document = read_json(file)
         except OSError as error:

@@ -94,7 +94,7 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
         ]
         left, right = (Camera(intrinsics(matrix.reshape(3, 3)), own) for matrix in matrices)
         return rig_of(left, right, float(values["baseline"]))
-    except (KeyError, ValueError) as error:
+    except (LookupError, ArithmeticError, ValueError) as error:
         raise InputError(f"{path} is no calibration of Middlebury (cam0, cam1, baseline) or KITTI (P2, P3)") from error
 
 
@@ -104,7 +104,7 @@ def _kitti_size(values: dict[str, str], path: Path) -> tuple[int, int] | None:
         return None
     try:
         width, height = (round(float(word)) for word in values["S_rect_02"].split())
-    except ValueError as error:
+    except (ArithmeticError, ValueError) as error:
         raise InputError(f"{path} has an S_rect_02 that is no width and height: download it again") from error
     return width, height
 
@@ -113,9 +113,9 @@ def _kitti(left: str, right: str, path: Path, own: tuple[int, int]) -> Rig:
     """Both projections are K [I | t] in the frame of camera 0, for images of `own` px."""
     try:
         p, q = (np.array(words.split(), np.float64).reshape(3, 4) for words in (left, right))
-    except ValueError as error:
-        raise InputError(f"{path} has projections that are no 3 x 4 matrices: copy or download it again") from error
-    shift = np.linalg.solve(p[:, :3], p[:, 3]) - np.linalg.solve(q[:, :3], q[:, 3])
+        shift = np.linalg.solve(p[:, :3], p[:, 3]) - np.linalg.solve(q[:, :3], q[:, 3])
+    except ValueError as error:  # of a wrong count, or singular
+        raise InputError(f"{path} has projections that are no 3 x 4 camera: copy or download it again") from error
     cameras = [Camera(intrinsics(matrix[:, :3]), own) for matrix in (p, q)]
     return rig_of(cameras[0], cameras[1], float(shift[0]))
 

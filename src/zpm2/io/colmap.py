@@ -45,9 +45,9 @@ def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Cam
         )
     try:
         values = np.array(_MODELS[model](*(float(p) for p in parameters)))
-    except (TypeError, ValueError) as error:
+        matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1.0]])
+    except (TypeError, ValueError, IndexError) as error:
         raise InputError(f"{what} has wrong parameters for {model}: export the model again") from error
-    matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1.0]])
     return Camera(matrix, size, values[4:])
 
 
@@ -99,7 +99,7 @@ class Cameras(Mapping[str, Camera]):
 
 def read_cameras(path: Path) -> Cameras:
     """The cameras of a model (its folder, cameras.txt or cameras.bin)."""
-    return Cameras(read_model(path if path.is_dir() else path.parent, binary=path.name == "cameras.bin"))
+    return Cameras(read_model(path if os.path.isdir(path) else path.parent, binary=path.name == "cameras.bin"))
 
 
 def camera_of(cameras: Cameras, image: str | Path, what: str) -> Camera:
@@ -151,9 +151,9 @@ def read_model(folder: Path, binary: bool = False) -> Model:
     Both are read here and not by pycolmap, which ends names in text at the first space, leaves out a last image without
     a line of points, wants points3D, and believes every count in a binary file. `InputError` for what is no model.
     """
-    if (folder / "cameras.txt").is_file() and not binary:
+    if os.path.isfile(folder / "cameras.txt") and not binary:
         return _from_text(folder)
-    if (folder / "cameras.bin").is_file():
+    if os.path.isfile(folder / "cameras.bin"):
         return _from_binary(folder)
     raise InputError(f"{folder} has no cameras.txt or cameras.bin: give the folder of a COLMAP model")
 

@@ -1,10 +1,10 @@
 """Whether a camera is one of its image: what cannot be is refused, what is odd is said."""
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.io import pictures
 from zpm2.model import Camera
 
 Array = NDArray[np.float64]
@@ -97,9 +97,9 @@ def orientation(image: str | None) -> int:
     if image is None:
         return 1
     try:
-        with PIL.Image.open(image) as picture:
+        with pictures.looked_at(image) as picture:
             value = picture.getexif().get(ORIENTATION, 1)
-    except (OSError, SyntaxError, ValueError, TypeError, LookupError, PIL.Image.DecompressionBombError):
+    except pictures.DAMAGE:
         return 1
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 

@@ -1,6 +1,7 @@
 """Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth."""
 
 import math
+import os
 import re
 import warnings
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.errors import ConfigError, InputError, MissingDependency
+from zpm2.errors import ConfigError, InputError, MissingDependency, Zpm2Error
 from zpm2.io import pictures, values
 from zpm2.io.placing import place_of
 from zpm2.messages import Note
@@ -73,7 +74,8 @@ class Raster:
         """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
         if self._sampled and self.plain:  # not before it is asked for: others read such files at once
             self._look(self._said)
-        return (*_file_notes(self._source, self.path), *self._said)
+        with _gdal(self._what):
+            return (*_file_notes(self._source, self.path), *self._said)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
@@ -87,6 +89,11 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
+        with _gdal(self._what):
+            return self._read((x0, y0, x1, y1), width, height)
+
+    def _read(self, window: Window, width: int, height: int) -> Image:
+        x0, y0, x1, y1 = window
         scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
         across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
         rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
@@ -216,7 +223,7 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
     """
     rasterio = require_rasterio()
     what = f"{name} {path}"
-    if Path(path).exists() or not _GDAL_NAME.match(str(path)):
+    if os.path.exists(path) or not _GDAL_NAME.match(str(path)):
         with values.opened_file(Path(path), what):
             pass
     try:
@@ -229,7 +236,10 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
             parts = ", ".join(source.subdatasets)
             raise InputError(f"{what} holds several rasters: give one of {parts}" if parts else f"{what} has no bands")
         values.check_sides(source.width, source.height, what)
-        return Raster(source, str(path), what, bands, gsd)
+        if os.path.exists(path):
+            values.check_length(source.width, source.height, source.driver, path, what)
+        with _gdal(what):
+            return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()
         raise
@@ -244,8 +254,10 @@ def _gdal(what: str) -> Iterator[None]:
         warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
         try:
             yield
-        except MemoryError:
+        except Zpm2Error:
             raise
+        except MemoryError as error:
+            raise values.no_memory(what) from error
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
                 raise values.unknown_format(what) from error
@@ -254,7 +266,7 @@ def _gdal(what: str) -> Iterator[None]:
 
 def _file_notes(source: Any, path: str) -> list[str]:
     notes = [pictures.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
-    if source.driver in ("GTiff", *PICTURES) and Path(path).exists():
+    if source.driver in ("GTiff", *PICTURES) and os.path.exists(path):
         found = pictures.header(Path(path))
         notes += [] if found is None else found[1]
     overviews = Path(f"{path}.ovr")

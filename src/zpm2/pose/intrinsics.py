@@ -1,14 +1,15 @@
 """A camera from what people have: numbers, a matrix file, a COLMAP model, EXIF, or an assumption that is called one."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed, InputError
+from zpm2.io import pictures
 from zpm2.io.colmap import camera_of, read_cameras
 from zpm2.io.fit import OFF_CENTRE, ON_CENTRE, checked, fitting_size, off_centre
 from zpm2.io.inputs import text as text_of
@@ -46,7 +47,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
             raise InputError(f"--{name} exif: {found.reason}; give --{name} as numbers, a file, or guess")
         return found
     path = Path(text)
-    if path.is_dir() or path.name in ("cameras.txt", "cameras.bin"):
+    if os.path.isdir(path) or path.name in ("cameras.txt", "cameras.bin"):
         named = camera_of(read_cameras(path), image, f"--{name} {path}")
         return checked(fitting_size(named, size, f"{name} of {path}", str(image)), name, str(image))
     values = _numbers(text.split(","))
@@ -55,7 +56,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         fx, fy, cx, cy = values[:4]
         matrix, distortion = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), values[4:]
         _refuse_other_order(values[:4], size, name)
-    elif path.is_file():
+    elif os.path.isfile(path):
         matrix, distortion, made_for = _from_file(path, name, size)
     else:
         raise InputError(
@@ -91,10 +92,10 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     the sensor; else, where pycolmap is installed, from its table of sensors by the camera's name.
     """
     try:
-        with PIL.Image.open(image) as picture:
+        with pictures.looked_at(image) as picture:
             exif = picture.getexif()
             values = exif.get_ifd(EXIF_IFD)
-    except (OSError, SyntaxError, ValueError, TypeError, LookupError) as error:
+    except pictures.DAMAGE as error:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")
     diagonal = float(np.hypot(*size))
     if (equivalent := _positive(values.get(FOCAL_35))) is not None:
