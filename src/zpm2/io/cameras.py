@@ -72,7 +72,8 @@ def rigid(values: Any, what: str) -> Array:
     """`values` as a 4 x 4 rotation and translation, rotation right to 1e-3; `InputError` calls it `what`."""
     pose = matrix(values, (4, 4), what)
     rotation = pose[:3, :3]
-    turned = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+    with np.errstate(all="ignore"):
+        turned = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
     if not turned or not np.allclose(pose[3], (0, 0, 0, 1)):
         raise InputError(f"{what} is no rotation with a translation (last row 0 0 0 1): correct the file")
     return pose
