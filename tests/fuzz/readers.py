@@ -283,6 +283,8 @@ def _results() -> list[Reader]:
         hidden.mkdir(exist_ok=True)
         (folder / record.RECORD).replace(hidden / record.RECORD)
         files.claim(folder, ["images", "matches.json"])
+        record.kept(folder)
+        record.unmark(folder)
 
     pose = {
         "pose": {"rotation": np.eye(3).tolist(), "translation": [1, 0, 0], "flags": ["planar"]},
