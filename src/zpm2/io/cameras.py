@@ -126,9 +126,11 @@ def idr(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]
     if f"world_mat_{index}" not in worlds:
         raise InputError(f"{file} has no world_mat_{index}: complete the download")
     world = matrix(worlds[f"world_mat_{index}"], (4, 4), f"world_mat_{index} of {file}")
-    if np.linalg.det(world[:3, :3]) == 0:
-        raise InputError(f"world_mat_{index} of {file} is no camera: download it again")
-    return decompose(world)
+    try:
+        with np.errstate(all="raise"):
+            return decompose(world)
+    except (np.linalg.LinAlgError, FloatingPointError) as error:  # of no rank 3, or of numbers without end
+        raise InputError(f"world_mat_{index} of {file} is no camera: download it again") from error
 
 
 def strecha(path: Path) -> tuple[Array, Array]:
