@@ -6,10 +6,8 @@ that we know, measured. A configuration is a value: compare it, print it, write 
 
 import dataclasses
 import inspect
-import json
 import re
 import sys
-import tomllib
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +17,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from zpm2.errors import ConfigError
+from zpm2.reading import read_json, read_toml
 
 
 @dataclass(frozen=True)
@@ -197,8 +196,7 @@ def load(path: str | Path, base: Config | None = None) -> Config:
     """A configuration from a .toml or .json file, laid over `base`."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        values = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+        values = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
     except OSError as error:
         raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
     except RecursionError as error:

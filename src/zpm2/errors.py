@@ -9,7 +9,11 @@ from dataclasses import dataclass
 
 
 class Zpm2Error(Exception):
-    """Base of every error that zpm2 raises on purpose."""
+    """Base of every error that zpm2 raises on purpose. Its text is one line, whatever names it holds."""
+
+    def __str__(self) -> str:
+        text = " ".join(super().__str__().splitlines())
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class InputError(Zpm2Error):

@@ -1,6 +1,7 @@
 """`zpm2 reconstruct`: a workspace for `zpm2 cloud` from photographs."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -49,13 +50,13 @@ def reconstruct(
 
     known, odd = None, list[str]()
     if cameras is not None:
-        if len(images) != 1 or not images[0].is_dir():
+        if len(images) != 1 or not os.path.isdir(images[0]):
             raise ConfigError("--cameras needs one folder of photographs")
         views = read_views(images[0], images[0], cameras, odd)
         paths = [view.path for view in views]
         known = {name: view.camera for name, view in zip(distinct_names(paths), views, strict=True)}
     else:
-        paths = some_photographs(images[0]) if len(images) == 1 and not images[0].is_file() else images
+        paths = some_photographs(images[0]) if len(images) == 1 and not os.path.isfile(images[0]) else images
     for path in paths:
         read_image(path)  # one line for what cannot be read, before anything is written
     folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")

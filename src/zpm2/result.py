@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import html
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,6 +42,7 @@ from zpm2.local_match.pair_map import pair_maps
 from zpm2.messages import split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side, counterparts
 from zpm2.model.brief import brief
+from zpm2.reading import WRONG, read_json
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay, unmatched
 
@@ -316,9 +318,9 @@ class MatchResult:
         may be moved, with them or alone. `InputError` for anything else.
         """
         path = Path(path)
-        file = path / "matches.json" if path.is_dir() else path
+        file = path / "matches.json" if os.path.isdir(path) else path
         try:
-            document = json.loads(file.read_text(encoding="utf-8"))
+            document = read_json(file)
         except OSError as error:
             raise InputError(f"cannot read {file}: {error.strerror}; give the folder that zpm2 match wrote") from error
         except ValueError as error:
@@ -329,7 +331,7 @@ class MatchResult:
             for name in SIDES:
                 document[name]["path"] = find(document[name], file.parent)
             return _from_dict(document)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except WRONG as error:
             raise InputError(f"{file} is not complete ({error!r}); run zpm2 match again") from error
 
 

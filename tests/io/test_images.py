@@ -192,6 +192,7 @@ def test_file_problems_are_one_line_that_names_the_file(tmp_path):
 
 def test_permission(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
+    path.write_bytes(b"x")
 
     def refuse(*_args, **_options):
         raise PermissionError(13, "Permission denied")

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from zpm2.cloud.surface import Surface
 from zpm2.errors import Failed, InputError
-from zpm2.io.cameras import intrinsics
+from zpm2.io.cameras import calibration, intrinsics, matrix, numbers
 from zpm2.io.inputs import text
 from zpm2.model import Camera, Image, PosedCamera
 
@@ -89,12 +89,12 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
     try:
         own = int(values["width"]), int(values["height"])
         matrices = [
-            np.array([row.split() for row in values[name].strip(" []").split(";")], np.float64)
+            calibration([row.split() for row in values[name].strip(" []").split(";")], f"{name} of {path}")
             for name in ("cam0", "cam1")
         ]
-        left, right = (Camera(intrinsics(matrix.reshape(3, 3)), own) for matrix in matrices)
+        left, right = (Camera(intrinsics(k), own) for k in matrices)
         return rig_of(left, right, float(values["baseline"]))
-    except (KeyError, ValueError) as error:
+    except (LookupError, ArithmeticError, ValueError) as error:
         raise InputError(f"{path} is no calibration of Middlebury (cam0, cam1, baseline) or KITTI (P2, P3)") from error
 
 
@@ -104,19 +104,16 @@ def _kitti_size(values: dict[str, str], path: Path) -> tuple[int, int] | None:
         return None
     try:
         width, height = (round(float(word)) for word in values["S_rect_02"].split())
-    except ValueError as error:
+    except (ArithmeticError, ValueError) as error:
         raise InputError(f"{path} has an S_rect_02 that is no width and height: download it again") from error
     return width, height
 
 
 def _kitti(left: str, right: str, path: Path, own: tuple[int, int]) -> Rig:
     """Both projections are K [I | t] in the frame of camera 0, for images of `own` px."""
-    try:
-        p, q = (np.array(words.split(), np.float64).reshape(3, 4) for words in (left, right))
-    except ValueError as error:
-        raise InputError(f"{path} has projections that are no 3 x 4 matrices: copy or download it again") from error
+    p, q = (matrix(numbers(words.split(), path), (3, 4), f"a projection of {path}") for words in (left, right))
+    cameras = [Camera(intrinsics(calibration(k[:, :3], f"a projection of {path}")), own) for k in (p, q)]
     shift = np.linalg.solve(p[:, :3], p[:, 3]) - np.linalg.solve(q[:, :3], q[:, 3])
-    cameras = [Camera(intrinsics(matrix[:, :3]), own) for matrix in (p, q)]
     return rig_of(cameras[0], cameras[1], float(shift[0]))
 
 

@@ -1,5 +1,6 @@
 """A triangle mesh as the rays and the walks want it: clean, with neighbours, near the origin."""
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -109,7 +110,7 @@ class Surface:
         path = Path(path)
         if path.suffix.lower() not in FORMATS:
             raise InputError(f"{path}: meshes are read from {', '.join(FORMATS)} files")
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputError(f"mesh {path} does not exist: check the path")
         notes: list[str] = []
         try:

@@ -6,6 +6,7 @@ MVSNet        images/00000000.jpg, cams/00000000_cam.txt
 Strecha       images/0000.jpg, 0000.jpg.camera beside them or in a folder of their own
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +48,7 @@ def read_views(
     (without `notes` that is an error), and on cameras that hardly fit. `InputError` says what was looked for, or which
     photograph has a camera that cannot be its own.
     """
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(f"workspace {folder} is no folder: give one with photographs, cameras and a mesh")
     views = _read(folder, images, cameras, notes)
     if len(views) < 2:
@@ -89,13 +90,13 @@ def find_mesh(folder: Path) -> Path:
 
 def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[View]:
     pictures = images or next((folder / name for name in IMAGES if (folder / name).is_dir()), folder)
-    if not pictures.is_dir():
+    if not os.path.isdir(pictures):
         raise InputError(f"{pictures} is no folder: give the one with the photographs (--images)")
     if cameras is None:
         cameras = _find_cameras(folder, pictures)
     if cameras.suffix.lower() == ".npz":
         return _idr(cameras, some_photographs(pictures))
-    if not cameras.is_dir():
+    if not os.path.isdir(cameras):
         raise InputError(f"cameras {cameras} are no folder or .npz file: check the path")
     if any(cameras.glob("*_cam.txt")):
         return _each(some_photographs(pictures), lambda p: cameras / f"{p.stem}_cam.txt", files.mvsnet)
@@ -103,7 +104,7 @@ def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[s
         return _each(some_photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
     posed = colmap.read_poses(cameras, notes)
     views = [View(name, pictures / name, camera) for name, camera in posed.items()]
-    missing = [view.path for view in views if not view.path.is_file()]
+    missing = [view.path for view in views if not os.path.isfile(view.path)]  # whatever its name
     if missing:
         raise InputError(
             f"{missing[0]}, which the model {cameras} names, does not exist: give its folder with --images"

@@ -13,8 +13,9 @@ from scipy import ndimage
 from zpm2.detect.given import Reader, Reading, Region, check_size
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.io import gdal, pictures
-from zpm2.io.values import MAX_PIXELS
+from zpm2.io.values import MAX_PIXELS, check_length, no_memory
 from zpm2.model import Image, Mask
+from zpm2.reading import read_array, regular
 
 Values = NDArray[Any]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
@@ -29,10 +30,17 @@ def open_labels(path: Path) -> Reader:
     of photographs are. `InputError` for what is damaged, has several bands or pages, or holds no whole numbers from 0.
     """
     what, notes = f"label image {path}", []
+    try:
+        regular(path)
+    except OSError as error:
+        raise InputError(f"cannot read {what}: {error.strerror}") from error
     if path.suffix.lower() == ".npy":
         values, hidden = _array(path, what), None
     else:
-        values, hidden = _picture(path, what)
+        try:
+            values, hidden = _picture(path, what)
+        except MemoryError as error:
+            raise no_memory(what) from error
         header = pictures.header(path)
         notes = [] if header is None else header[1]
     if values.ndim != 2:
@@ -73,8 +81,8 @@ def _regions(labels: Values) -> list[Region]:
 
 def _array(path: Path, what: str) -> Values:
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+        return read_array(path)
+    except (OSError, ValueError) as error:
         raise _unreadable(path, what) from error
 
 
@@ -97,6 +105,7 @@ def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
     try:
         with gdal.settings(), gdal.open_file(path, what) as file:
             _check(what, file.width, file.height, len(file.subdatasets))
+            check_length(file.width, file.height, file.driver, path, what)
             alone = file.count == 2 and file.colorinterp[1] == ColorInterp.alpha
             if file.count != 1 and not alone:
                 raise _several_bands(what, (file.height, file.width, file.count))
@@ -117,6 +126,7 @@ def _by_pillow(path: Path, what: str) -> tuple[Values, Hidden]:
         # not by its path: what is mapped into memory Pillow reads with the sides of the turned picture
         with path.open("rb") as stream, pictures.opened(stream) as file:
             _check(what, file.width, file.height, getattr(file, "n_frames", 1))
+            check_length(file.width, file.height, file.format or "", path, what)
             turned, nodata = file.getexif().get(ORIENTATION, 1), getattr(file, "tag_v2", {}).get(NODATA)
             transparent = file.info.get("transparency")
             file.load()

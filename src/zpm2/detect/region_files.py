@@ -1,6 +1,6 @@
 """Files of regions that people bring along, told apart by ending and content."""
 
-import json
+import os
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from zpm2.detect.labels import open_labels
 from zpm2.errors import InputError
 from zpm2.io import geojson
 from zpm2.model import Image
+from zpm2.reading import read_json
 
 FORMATS = (
     "a label image (.png, .tif or .npy of whole numbers, 0 = background), COCO annotations or SAM's automatic masks "
@@ -25,7 +26,7 @@ def open_regions(path: Path) -> Reader:
     raises it where the regions are those of another image.
     """
     suffix = path.suffix.lower()
-    if not path.is_file():
+    if not os.path.exists(path):
         raise InputError(f"region file {path} does not exist: give {FORMATS}")
     if suffix in (".png", ".tif", ".tiff", ".npy"):
         return open_labels(path)
@@ -41,10 +42,10 @@ def open_regions(path: Path) -> Reader:
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(path.read_bytes())
+        return read_json(path)
     except OSError as error:
         raise InputError(f"cannot read region file {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"region file {path} is not valid JSON: write it anew") from error
 
 

@@ -6,7 +6,10 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.errors import InputError, Zpm2Error
@@ -16,8 +19,10 @@ from zpm2.io.keys import code, key
 from zpm2.io.places import is_content
 from zpm2.io.record import discard, keep, kept, made_folder
 from zpm2.pose import PoseResult
+from zpm2.reading import WRONG, read_json
 from zpm2.result import MatchResult
 
+T = TypeVar("T")
 RUN, PREDICTIONS = "run.json", "predictions"
 Matcher = Callable[[EvalPair], MatchResult]
 RESULTS = ("matches.json", "pose.json", "memory.json")
@@ -110,27 +115,41 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
         except Zpm2Error as error:
             return str(error)
     if (folder / "failed.json").exists():
-        return str(_read_json(folder / "failed.json")["reason"])
+        return _taken(folder / "failed.json", lambda values: str(values["reason"]))
     return None
 
 
 def is_of(pair: EvalPair, out: Path) -> bool:
     """Whether the prediction of a pair is of the photographs that it has now."""
-    document = _read_json(folder_of(pair, out) / "matches.json")
-    sides = (document["left"], pair.left), (document["right"], pair.right)
-    return all(is_content(side, file) for side, file in sides)
+
+    def same(document: dict[str, Any]) -> bool:
+        sides = (document["left"], pair.left), (document["right"], pair.right)
+        return all(is_content(side, file) for side, file in sides)
+
+    return _taken(folder_of(pair, out) / "matches.json", same)
 
 
-def load_pose(pair: EvalPair, out: Path) -> dict[str, Any] | None:
-    """The content of the `pose.json` of a pair, where one was predicted."""
+@dataclass(frozen=True)
+class PredictedPose:
+    """What the evaluation needs of a `pose.json`."""
+
+    motion: tuple[NDArray[np.float64], NDArray[np.float64] | None] | None  # R (3, 3), t (3,); None where there is none
+    flags: str  # what speaks against it
+    used: int  # points
+    inliers: int
+    seconds: float
+
+
+def load_pose(pair: EvalPair, out: Path) -> PredictedPose | None:
+    """The pose of a pair, where one was predicted."""
     file = folder_of(pair, out) / "pose.json"
-    return _read_json(file) if file.exists() else None
+    return _taken(file, _pose) if file.exists() else None
 
 
 def memory(pair: EvalPair, out: Path) -> float | None:
     """MB, the peak of the process after this pair (models and earlier pairs counted in), where it was recorded."""
     file = folder_of(pair, out) / "memory.json"
-    return _read_json(file)["peak_mb"] if file.exists() else None
+    return _taken(file, lambda values: _number(values["peak_mb"])) if file.exists() else None
 
 
 def peak_mb() -> int | None:
@@ -143,9 +162,32 @@ def peak_mb() -> int | None:
     return size // (1024 * 1024 if sys.platform == "darwin" else 1024)
 
 
+def _pose(values: dict[str, Any]) -> PredictedPose:
+    found, flags, counts = None, "failed", values["counts"]
+    if (motion := values["pose"]) is not None:
+        shift = motion["translation"]
+        turn = np.array(motion["rotation"], np.float64).reshape(3, 3)
+        found = turn, None if shift is None else np.array(shift, np.float64).reshape(3)
+        flags = " ".join(motion["flags"])
+    seconds = sum(float(each) for each in values["timings"].values())
+    return PredictedPose(found, flags, int(counts["used"]), int(counts["inliers"]), seconds)
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _taken(file: Path, take: Callable[[dict[str, Any]], T]) -> T:
+    """What `take` makes of the object in a JSON file; `InputError` where it does not find what it looks for."""
+    try:
+        return take(_read_json(file))
+    except WRONG as error:
+        raise InputError(f"{file} is damaged ({error!r}); delete it and run again") from error
+
+
 def _read_json(file: Path) -> dict[str, Any]:
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json(file)
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read ({error}); delete it and run again") from error
     if not isinstance(values, dict):

@@ -66,19 +66,17 @@ def _dense(result: MatchResult, truth: Any) -> Row:
     return figures | {f"{name}_paper": centers[name] for name in PAPER}
 
 
-def _pose(result: MatchResult, predicted: Mapping[str, Any] | None, truth: PoseTruth) -> Row:
+def _pose(result: MatchResult, predicted: predictions.PredictedPose | None, truth: PoseTruth) -> Row:
     config = Config.from_dict({k: v for k, v in result.config.items() if k in ("pose", "points", "seed")})
     found = PoseFinder(without_polygons(config))(result, cameras_of(result, truth))
     pose = found.pose
     errors = _pose_errors(None if isinstance(pose, Failed) else (pose.rotation, pose.translation), truth)
     figures: Row = {"error_R_points": errors[0], "error_t_points": errors[1]}
     if predicted is not None:
-        motion = predicted["pose"]
-        errors = _pose_errors(None if motion is None else (motion["rotation"], motion["translation"]), truth)
+        errors = _pose_errors(predicted.motion, truth)
         figures |= {"error_R": errors[0], "error_t": errors[1]}
-        figures |= {"pose_points": predicted["counts"]["used"], "pose_inliers": predicted["counts"]["inliers"]}
-        figures |= {"pose_flags": " ".join(motion["flags"]) if motion else "failed"}
-        figures["s_pose"] = sum(predicted["timings"].values())
+        figures |= {"pose_points": predicted.used, "pose_inliers": predicted.inliers}
+        figures |= {"pose_flags": predicted.flags, "s_pose": predicted.seconds}
     return figures
 
 

@@ -1,6 +1,5 @@
 """Cameras as data sets and programs write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError
 from zpm2.geometry import HALF_PIXEL
 from zpm2.io.inputs import existing, text
+from zpm2.reading import read_arrays
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,8 @@ def rigid(values: Any, what: str) -> Array:
     """`values` as a 4 x 4 rotation and translation, rotation right to 1e-3; `InputError` calls it `what`."""
     pose = matrix(values, (4, 4), what)
     rotation = pose[:3, :3]
-    turned = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
+    with np.errstate(all="ignore"):
+        turned = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0
     if not turned or not np.allclose(pose[3], (0, 0, 0, 1)):
         raise InputError(f"{what} is no rotation with a translation (last row 0 0 0 1): correct the file")
     return pose
@@ -105,9 +106,8 @@ def text_matrix(path: Path) -> Array:
 def archive(path: Path) -> dict[str, Any]:
     """The arrays of an .npz file by name."""
     try:
-        with np.load(existing(path), allow_pickle=False) as file:
-            return dict(file)
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        return read_arrays(existing(path))
+    except (OSError, ValueError) as error:
         raise InputError(f"{path} is damaged or no .npz file: copy or download it again") from error
 
 
@@ -126,9 +126,11 @@ def idr(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]
     if f"world_mat_{index}" not in worlds:
         raise InputError(f"{file} has no world_mat_{index}: complete the download")
     world = matrix(worlds[f"world_mat_{index}"], (4, 4), f"world_mat_{index} of {file}")
-    if np.linalg.det(world[:3, :3]) == 0:
-        raise InputError(f"world_mat_{index} of {file} is no camera: download it again")
-    return decompose(world)
+    try:
+        with np.errstate(all="raise"):
+            return decompose(world)
+    except (np.linalg.LinAlgError, FloatingPointError) as error:  # of no rank 3, or of numbers without end
+        raise InputError(f"world_mat_{index} of {file} is no camera: download it again") from error
 
 
 def strecha(path: Path) -> tuple[Array, Array]:

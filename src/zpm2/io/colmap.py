@@ -1,7 +1,7 @@
 """COLMAP's files: cameras and poses in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from zpm2.errors import InputError, MissingDependency
+from zpm2.io import colmap_binary as _binary
 from zpm2.io.inputs import text
 from zpm2.model import Camera, PosedCamera
 
@@ -44,9 +45,9 @@ def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Cam
         )
     try:
         values = np.array(_MODELS[model](*(float(p) for p in parameters)))
-    except (TypeError, ValueError) as error:
+        matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1.0]])
+    except (TypeError, ValueError, IndexError) as error:
         raise InputError(f"{what} has wrong parameters for {model}: export the model again") from error
-    matrix = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1.0]])
     return Camera(matrix, size, values[4:])
 
 
@@ -98,7 +99,7 @@ class Cameras(Mapping[str, Camera]):
 
 def read_cameras(path: Path) -> Cameras:
     """The cameras of a model (its folder, cameras.txt or cameras.bin)."""
-    return Cameras(read_model(path if path.is_dir() else path.parent, binary=path.name == "cameras.bin"))
+    return Cameras(read_model(path if os.path.isdir(path) else path.parent, binary=path.name == "cameras.bin"))
 
 
 def camera_of(cameras: Cameras, image: str | Path, what: str) -> Camera:
@@ -145,32 +146,26 @@ def read_poses(folder: Path, notes: list[str] | None = None) -> dict[str, PosedC
 
 
 def read_model(folder: Path, binary: bool = False) -> Model:
-    """The model in a folder: text, which needs nothing, else binary files, which need pycolmap.
+    """The model in a folder: text, else binary files.
 
-    Text is read here wherever it is: pycolmap ends names at the first space, leaves out a last image without a line of
-    points, and wants points3D. `InputError` for what is no model.
+    Both are read here and not by pycolmap, which ends names in text at the first space, leaves out a last image without
+    a line of points, wants points3D, and believes every count in a binary file. `InputError` for what is no model.
     """
-    if (folder / "cameras.txt").is_file() and not binary:
+    if os.path.isfile(folder / "cameras.txt") and not binary:
         return _from_text(folder)
-    if (folder / "cameras.bin").is_file():
+    if os.path.isfile(folder / "cameras.bin"):
         return _from_binary(folder)
     raise InputError(f"{folder} has no cameras.txt or cameras.bin: give the folder of a COLMAP model")
 
 
 def _from_binary(folder: Path) -> Model:
-    pycolmap = require_pycolmap()
+    listed = folder / "images.bin"
     try:
-        model = pycolmap.Reconstruction()
-        model.read_binary(str(folder))
-    except (ValueError, RuntimeError, OSError, LookupError) as error:
-        raise InputError(f"{folder} is no COLMAP model: {str(error).splitlines()[0]}") from error
-    images = {}
-    for image in model.images.values():
-        if image.has_pose:
-            pose = image.cam_from_world()
-            turn, shift = np.asarray(pose.rotation.matrix()), np.asarray(pose.translation)
-            images[image.name] = image.camera_id, turn, shift
-    cameras = {key: (c.model_name, (c.width, c.height), tuple(c.params)) for key, c in model.cameras.items()}
+        cameras = {key: (kind, size, values) for key, kind, size, values in _binary.cameras(folder / "cameras.bin")}
+        found = list(_binary.images(listed)) if listed.exists() else []
+        images = {name: (key, *_pose(turn, shift)) for name, key, turn, shift in found}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder} is no complete COLMAP model: {error}; export it again") from error
     return Model(folder, cameras, images)
 
 
@@ -181,10 +176,18 @@ def _from_text(folder: Path) -> Model:
             cameras[int(key)] = kind, (int(width), int(height)), tuple(float(word) for word in parameters)
         for words in _image_lines(folder / "images.txt"):
             w, x, y, z, *shift = (float(word) for word in words[1:8])
-            images[words[9].rstrip()] = int(words[8]), Rotation.from_quat([x, y, z, w]).as_matrix(), np.array(shift)
+            images[words[9].rstrip()] = int(words[8]), *_pose((w, x, y, z), shift)
     except (ValueError, LookupError) as error:
         raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
     return Model(folder, cameras, images)
+
+
+def _pose(turn: Sequence[float], shift: Sequence[float]) -> tuple[Array, Array]:
+    """R and t of a quaternion (w, x, y, z), which need not have the length 1, and a translation."""
+    w, x, y, z = turn
+    if not np.isfinite([*turn, *shift]).all():
+        raise ValueError("it has a pose that is not finite")
+    return Rotation.from_quat([x, y, z, w]).as_matrix(), np.array(shift)
 
 
 def _camera_lines(path: Path) -> list[list[str]]:

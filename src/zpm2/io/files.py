@@ -109,9 +109,9 @@ def why(error: OSError, path: Path) -> str:
         return "the name is too long; give a shorter one"
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
         return "a part of the path is a file, not a folder; give another path"
-    if error.errno == errno.EISDIR or path.is_dir():
+    if error.errno in (errno.EISDIR, errno.ENOTEMPTY):
         return "there is a folder of that name; give another path"
-    if error.errno == errno.ENOENT and path.parent.is_dir():
+    if error.errno == errno.ENOENT and os.path.isdir(path.parent):
         return "it cannot be created there; give another path"
     if error.errno == errno.ENOENT:
         return f"the folder {path.parent} does not exist; create it first"

@@ -1,7 +1,6 @@
 """Whether a camera is one of its image: what cannot be is refused, what is odd is said."""
 
 import numpy as np
-import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
@@ -98,9 +97,9 @@ def orientation(image: str | None) -> int:
     if image is None:
         return 1
     try:
-        with pictures.opened(image) as picture:
+        with pictures.looked_at(image) as picture:
             value = picture.getexif().get(ORIENTATION, 1)
-    except (OSError, SyntaxError, ValueError, TypeError, LookupError, PIL.Image.DecompressionBombError):
+    except pictures.DAMAGE:
         return 1
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 

@@ -93,8 +93,10 @@ def gdal(what: str) -> Iterator[None]:
     with settings():
         try:
             yield
-        except (MemoryError, Zpm2Error):
+        except Zpm2Error:
             raise
+        except MemoryError as error:
+            raise values.no_memory(what) from error
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
                 raise values.unknown_format(what) from error

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from zpm2 import reading
 from zpm2.errors import InputError
 from zpm2.io import pictures
 from zpm2.io.source import open_source
@@ -18,7 +19,7 @@ PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".jp2"
 def existing(*candidates: Path) -> Path:
     """The first of `candidates` that exists; `InputError` names every one that was looked for."""
     for path in candidates:
-        if path.exists():
+        if os.path.exists(path):  # which knows of no name that is too long, or has a NUL
             return path
     looked = " and ".join(str(path) for path in candidates)
     raise InputError(f"looked for {looked}, not there: check the path, or complete the download")
@@ -80,17 +81,19 @@ def image_size(path: Path) -> tuple[int, int]:
 def text(path: Path) -> str:
     """The content of a text file; `InputError` where it is missing or no UTF-8."""
     try:
-        return existing(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        return reading.read_text(existing(path))
+    except (OSError, ValueError) as error:
         raise InputError(f"{path} is no readable text file: copy or download it again") from error
 
 
 def json_file(path: Path) -> Any:
     """The content of a JSON file; `InputError` says in which line it breaks."""
     try:
-        return json.loads(text(path))
+        return reading.parse_json(text(path).encode())
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not valid JSON: {error.msg} in line {error.lineno}: correct the file") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON, {error}: correct the file") from error
 
 
 _RUNS = re.compile(r"[0-9]+|[^0-9]+")

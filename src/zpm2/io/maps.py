@@ -9,6 +9,8 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.io.values import check_length
+from zpm2.reading import read_array, read_bytes, regular
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 MIXED = 0.05  # share of the known values that may have the other sign
@@ -68,17 +70,19 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
     if read is None:
         raise InputError(f"map {path} must be a .pfm, .png or .npy file: convert it")
     try:
-        values = read(path)
+        found = read(path)
     except FileNotFoundError as error:
         raise InputError(f"map {path} does not exist: check the path, or download it again") from error
     except (OSError, ValueError, EOFError, SyntaxError, PIL.Image.DecompressionBombError) as error:
         raise InputError(f"map {path} is damaged or no {path.suffix} file: copy or download it again") from error
-    height, width = values.shape
+    except MemoryError as error:
+        raise InputError(f"map {path} needs more memory than there is: give a smaller one") from error
+    height, width = found.shape
     if size is not None and (width, height) != tuple(size):
         raise InputError(
             f"map {path} has {width} x {height} px, its image {size[0]} x {size[1]} px: give the map of this image"
         )
-    found = np.array(values, np.float32, order="C")
+    found = np.array(found, np.float32, order="C")
     found[~np.isfinite(found)] = np.nan
     if not (np.nan_to_num(found) != 0).any():
         raise InputError(f"map {path} holds no known value, all of it is 0 or not finite: give another one")
@@ -86,7 +90,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
 
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:
-    content = path.read_bytes()
+    content = read_bytes(path)
     header = _PFM_HEADER.match(content)
     if header is None:
         raise ValueError("no PFM header")
@@ -101,14 +105,15 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
 
 
 def _read_png(path: Path) -> NDArray[Any]:
-    with PIL.Image.open(path, formats=["PNG"]) as picture:
+    with PIL.Image.open(regular(path), formats=["PNG"]) as picture:
+        check_length(*picture.size, "PNG", path, f"map {path}")
         if picture.mode not in _ONE_BAND:
             raise InputError(f"map {path} is a PNG of mode {picture.mode}: give one band of 8 or 16 bit")
         return np.asarray(picture)
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    values: NDArray[Any] = np.load(path, allow_pickle=False)
+    values: NDArray[Any] = read_array(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"map {path} holds {values.dtype} of shape {values.shape}: give numbers of shape (h, w)")
     return values

@@ -4,9 +4,12 @@ import re
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from zpm2.reading import read_bytes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,7 +45,7 @@ def read_mesh(path: Path) -> tuple[Array, Polygons]:
     `ValueError` for what is none, is cut short, or has faces of vertices that it lacks; `OSError` from the file.
     """
     read = {".ply": _ply, ".obj": _obj, ".off": _off}[path.suffix.lower()]
-    vertices, faces = read(path.read_bytes())
+    vertices, faces = read(read_bytes(path))
     if any(len(part) and (part.min() < 0 or part.max() >= len(vertices)) for part in faces):
         raise ValueError("it has faces of vertices that it does not have: export it again")
     return vertices, faces
@@ -139,10 +142,10 @@ def _values(buffer: bytes, places: Indices, kind: str) -> NDArray[np.generic]:
 
 
 def _lists(buffer: bytes, places: Indices, kind: str, length: str) -> Polygons:
-    lengths = _values(buffer, places, length).astype(np.int64)
+    lengths = _whole(_values(buffer, places, length))
     first, size = np.dtype(length).itemsize, np.dtype(kind).itemsize
     return [
-        np.stack([_values(buffer, places[lengths == k] + first + j * size, kind) for j in range(k)], axis=1).astype(int)
+        _whole(np.stack([_values(buffer, places[lengths == k] + first + j * size, kind) for j in range(k)], axis=1))
         for k in np.unique(lengths).tolist()
         if k > 0
     ]
@@ -172,7 +175,7 @@ def _off(content: bytes) -> tuple[Array, Polygons]:
     vertices = _points(*_numbers(lines[1 : 1 + n]))
     numbers, lengths = _numbers(lines[1 + n : 1 + n + m])
     starts = np.cumsum(lengths) - lengths
-    corners = numbers[starts].astype(np.int64)  # colours may follow
+    corners = _whole(numbers[starts])  # colours may follow
     if len(vertices) < n or len(lengths) < m or (corners >= lengths).any():
         raise ValueError(CUT)
     return vertices, [part for _, part in _by_length(numbers, starts + 1, corners)]
@@ -182,6 +185,13 @@ def _numbers(lines: Sequence[str]) -> tuple[Array, Indices]:
     """The numbers of some lines one after the other, and how many each line has."""
     lengths = np.array([len(line.split()) for line in lines], np.int64)
     return np.array([float(word) for word in " ".join(lines).split()]), lengths
+
+
+def _whole(numbers: NDArray[Any]) -> Indices:
+    """Numbers that count vertices."""
+    if not (np.abs(numbers) < 2**53).all():
+        raise ValueError("it has a face whose corners are no numbers of vertices: export it again")
+    return numbers.astype(np.int64)
 
 
 def _points(numbers: Array, lengths: Indices) -> Array:
@@ -196,5 +206,5 @@ def _by_length(numbers: Array, starts: Indices, lengths: Indices) -> list[tuple[
     found = []
     for k in np.unique(lengths[lengths > 0]).tolist():
         rows = np.flatnonzero(lengths == k)
-        found.append((rows, numbers[starts[rows, None] + np.arange(k)].astype(np.int64)))
+        found.append((rows, _whole(numbers[starts[rows, None] + np.arange(k)])))
     return found

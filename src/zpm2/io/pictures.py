@@ -18,6 +18,7 @@ from zpm2.errors import InputError
 from zpm2.io import values
 from zpm2.messages import Note
 from zpm2.model import Image
+from zpm2.reading import regular
 
 # Pillow's names of the formats that are read. Others are not tried: that for PostScript, for one, starts a program.
 FORMATS = (
@@ -27,7 +28,7 @@ FORMATS = (
 
 _EXIF_ORIENTATION = 274
 _BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
-_DAMAGE = (
+DAMAGE = (
     OSError,
     SyntaxError,
     EOFError,
@@ -60,6 +61,7 @@ def read_file(path: Path, what: str) -> Image:
     any other `InputError` for what it cannot unpack."""
     with values.opened_file(path, what) as file, _pixel_limit(what):
         picture = _opened(file, what)
+        values.check_length(*picture.size, picture.format or "", path, what)
         deep = picture.mode in ("RGB", "RGBA", "RGBX", "LA") and ";16" in str(getattr(picture, "tile", ""))
         pixels, notes, nodata = _unpacked(picture, what)
     if deep:
@@ -85,22 +87,32 @@ def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
     """(width, height) px as the file stores them, and the notes on its orientation and pages; None where Pillow does
     not know the file. Nothing is unpacked."""
     notes: list[str] = []
+    try:
+        with looked_at(path) as picture:
+            orientation = _orientation(picture, notes)
+            size = picture.size
+            if picture.format == "TIFF":
+                size = picture.tag_v2[256], picture.tag_v2[257]  # type: ignore[attr-defined]
+            elif (pages := getattr(picture, "n_frames", 1)) > 1:
+                notes.append(first_page_note(pages))
+    except DAMAGE:
+        return None
+    return size, notes if orientation == 1 else [*notes, _orientation_note(orientation)]
+
+
+@contextmanager
+def looked_at(path: str | Path) -> Iterator[PIL.Image.Image]:
+    """A picture of any size, of which the header is read and no pixel. `DAMAGE` where there is none."""
     with _pil_lock, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="PIL")
         before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
         try:
-            with opened(path) as picture:
-                orientation = _orientation(picture, notes)
-                size = picture.size
-                if picture.format == "TIFF":
-                    size = picture.tag_v2[256], picture.tag_v2[257]  # type: ignore[attr-defined]
-                elif (pages := getattr(picture, "n_frames", 1)) > 1:
-                    notes.append(first_page_note(pages))
-        except _DAMAGE:
-            return None
+            with opened(regular(Path(path))) as picture:
+                yield picture
+        except MemoryError as error:
+            raise OSError("it declares more than there is memory for") from error
         finally:
             PIL.Image.MAX_IMAGE_PIXELS = before
-    return size, notes if orientation == 1 else [*notes, _orientation_note(orientation)]
 
 
 def first_page_note(pages: int) -> str:
@@ -112,7 +124,7 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
         return opened(file)
     except PIL.UnidentifiedImageError as error:
         raise UnknownFormat(str(values.unknown_format(what))) from error
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise values.damaged(what, error) from error
 
 
@@ -124,7 +136,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         pages = getattr(picture, "n_frames", 1)
         orientation = _orientation(picture, notes)
         picture.load()
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise values.damaged(what, error) from error
     tags: Any = getattr(picture, "tag_v2", {})
     info, stored = dict(picture.info), picture.mode
@@ -177,7 +189,7 @@ def _orientation_note(orientation: int) -> str:
 def _orientation(picture: PIL.Image.Image, notes: list[str]) -> int:
     try:
         value = picture.getexif().get(_EXIF_ORIENTATION, 1)
-    except _DAMAGE:
+    except DAMAGE:
         notes.append(Note("The EXIF data is damaged and was ignored."))
         return 1
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
@@ -202,5 +214,7 @@ def _pixel_limit(what: str) -> Iterator[None]:
             yield
         except (PIL.Image.DecompressionBombError, PIL.Image.DecompressionBombWarning) as error:
             raise values.too_large(what) from error
+        except MemoryError as error:
+            raise values.no_memory(what) from error
         finally:
             PIL.Image.MAX_IMAGE_PIXELS = before

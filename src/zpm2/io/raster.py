@@ -4,6 +4,7 @@ What is opened at all, `io.gdal` says.
 """
 
 import math
+import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -66,7 +67,8 @@ class Raster:
         """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
         if self._sampled and self.plain:  # not before it is asked for: others read such files at once
             self._look(self._said)
-        return (*_file_notes(self._source, self.path), *self._said)
+        with gdal.gdal(self._what):
+            return (*_file_notes(self._source, self.path), *self._said)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
@@ -80,6 +82,11 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
+        with gdal.gdal(self._what):
+            return self._read((x0, y0, x1, y1), width, height)
+
+    def _read(self, window: Window, width: int, height: int) -> Image:
+        x0, y0, x1, y1 = window
         scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
         across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
         rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
@@ -204,6 +211,8 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
             if not source.count:
                 raise InputError(f"{what} has no bands")
             values.check_sides(source.width, source.height, what)
+            if os.path.exists(path):
+                values.check_length(source.width, source.height, source.driver, path, what)
             return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()

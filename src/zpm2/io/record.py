@@ -17,6 +17,7 @@ from pathlib import Path
 
 from zpm2.errors import OutputError
 from zpm2.io.keys import fingerprint
+from zpm2.reading import WRONG, parse_json
 
 HIDDEN = ".zpm2"
 RECORD = "made.jsonl"
@@ -104,7 +105,7 @@ def keep(folder: Path, key: str) -> None:
 def kept(folder: Path) -> str | None:
     """The key that `keep` remembered."""
     file = _key_file(folder)
-    return file.read_text(encoding="utf-8") if file is not None and file.is_file() else None
+    return file.read_text(encoding="utf-8", errors="replace") if file is not None and file.is_file() else None
 
 
 def discard(path: Path) -> None:
@@ -163,9 +164,9 @@ def _made(home: Path) -> dict[str, set[str]]:
     if lines[:1] != [json.dumps(FORMAT)]:
         raise OutputError(f"{file} is no record of zpm2: give another output folder")
     for line in lines[1:]:
-        with contextlib.suppress(ValueError, TypeError, KeyError):
-            values = json.loads(line)
-            made.setdefault(values["name"], set()).add(values["is"])
+        with contextlib.suppress(*WRONG):
+            values = parse_json(line.encode())
+            made.setdefault(str(values["name"]), set()).add(str(values["is"]))
     return made
 
 

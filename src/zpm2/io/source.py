@@ -180,8 +180,7 @@ def reduced(source: Source, longest: int) -> Image:
 def _missed(path: Path) -> list[str]:
     """What is lost where rasterio is missing."""
     notes = []
-    unreadable = OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError
-    with contextlib.suppress(*unreadable), pictures.opened(path) as picture:
+    with contextlib.suppress(*pictures.DAMAGE), pictures.looked_at(path) as picture:
         if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):
             notes.append('Its georeference was not read: pip install "zpm2[geo]".')
         if picture.width * picture.height > LARGE:

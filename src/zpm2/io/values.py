@@ -1,6 +1,7 @@
 """Pixels of any kind as 8-bit RGB, and which of them hold data: one rule, whichever library has read them."""
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError
 from zpm2.messages import Note
 from zpm2.model import Image
+from zpm2.reading import regular
 
 MIN_SIDE = 32  # px, below this there is nothing to segment
 MAX_PIXELS = 1_000_000_000  # px, beyond this a file is refused before it is unpacked
+PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which each pixel takes some part of a byte
+MAX_PER_BYTE = 8 * 1032  # px, of one bit, packed as well as deflate can
 STRETCH = (0.5, 99.5)  # percentiles that become 0 and 255 where values have no 8-bit meaning
 FILLED = 0.05  # share of the pixels that one value at the border must have to be taken for no data
 FRAMED = 0.5  # or share of the border itself
@@ -208,7 +212,7 @@ def scaled(values: Values, low: float, high: float) -> NDArray[np.uint8]:
 def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
     """The file, which has something in it, open for reading; `InputError` for what the system has against that."""
     try:
-        with path.open("rb") as file:
+        with regular(path).open("rb") as file:
             if not file.read(1):
                 raise InputError(f"{what} is empty (0 bytes): copy or download it again")
             file.seek(0)
@@ -221,6 +225,17 @@ def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
         raise InputError(f"{what} may not be read: change its permissions or copy it") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{what} cannot be read: {_one_line(error)}") from error
+
+
+def check_length(width: int, height: int, kind: str, path: str | Path, what: str) -> None:
+    """`InputError` for a file of a packed `kind` (Pillow's and GDAL's name) that is too short to hold its pixels."""
+    if kind in PACKED and width * height > MAX_PER_BYTE * (length := os.stat(path).st_size):
+        raise damaged(what, ValueError(f"{width} x {height} px in {length} bytes"))
+
+
+def no_memory(what: str) -> InputError:
+    """The error for a photograph that does not fit into memory."""
+    return InputError(f"{what} needs more memory than there is: match it in tiles, or reduce it")
 
 
 def too_large(what: str) -> InputError:

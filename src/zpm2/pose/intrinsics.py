@@ -1,6 +1,6 @@
 """A camera from what people have: numbers, a matrix file, a COLMAP model, EXIF, or an assumption that is called one."""
 
-import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from zpm2.io.fit import OFF_CENTRE, ON_CENTRE, checked, fitting_size, off_centre
 from zpm2.io.inputs import text as text_of
 from zpm2.model import Camera
 from zpm2.model.camera import Source
+from zpm2.reading import WRONG, read_array, read_json
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]  # width, height, px
@@ -46,7 +47,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
             raise InputError(f"--{name} exif: {found.reason}; give --{name} as numbers, a file, or guess")
         return found
     path = Path(text)
-    if path.is_dir() or path.name in ("cameras.txt", "cameras.bin"):
+    if os.path.isdir(path) or path.name in ("cameras.txt", "cameras.bin"):
         named = camera_of(read_cameras(path), image, f"--{name} {path}")
         return checked(fitting_size(named, size, f"{name} of {path}", str(image)), name, str(image))
     values = _numbers(text.split(","))
@@ -55,7 +56,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         fx, fy, cx, cy = values[:4]
         matrix, distortion = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), values[4:]
         _refuse_other_order(values[:4], size, name)
-    elif path.is_file():
+    elif os.path.isfile(path):
         matrix, distortion, made_for = _from_file(path, name, size)
     else:
         raise InputError(
@@ -91,10 +92,10 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     the sensor; else, where pycolmap is installed, from its table of sensors by the camera's name.
     """
     try:
-        with pictures.opened(image) as picture:
+        with pictures.looked_at(image) as picture:
             exif = picture.getexif()
             values = exif.get_ifd(EXIF_IFD)
-    except (OSError, SyntaxError, ValueError, TypeError, LookupError) as error:
+    except pictures.DAMAGE as error:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")
     diagonal = float(np.hypot(*size))
     if (equivalent := _positive(values.get(FOCAL_35))) is not None:
@@ -116,7 +117,10 @@ def _from_sensor_table(image: str | Path, size: Size) -> Camera | None:
         import pycolmap
     except ImportError:
         return None
-    camera = pycolmap.infer_camera_from_image(str(image))
+    try:
+        camera = pycolmap.infer_camera_from_image(str(image))
+    except (ValueError, RuntimeError):  # it decodes the pixels too, and does not know all formats that we read
+        return None
     return centred(camera.mean_focal_length(), size, "exif") if camera.has_prior_focal_length else None
 
 
@@ -142,9 +146,9 @@ def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
     distortion = np.zeros(0)
     try:
         if path.suffix.lower() == ".npy":
-            matrix = np.asarray(np.load(path, allow_pickle=False), np.float64)
+            matrix = np.asarray(read_array(path), np.float64)
         elif path.suffix.lower() == ".json":
-            values = json.loads(text_of(path))
+            values = read_json(path)
             matrix = np.array(values["matrix"], np.float64)
             distortion = np.array(values.get("distortion", ()), np.float64).ravel()
             size = int(values.get("width", size[0])), int(values.get("height", size[1]))
@@ -156,7 +160,7 @@ def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
             matrix = flat.reshape(SHAPES[len(flat)])
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except WRONG as error:
         raise InputError(f"--{name} {path} holds no camera matrix ({error!r}): give 3 x 3 numbers in px") from error
     if matrix.shape in ((3, 4), (4, 4)) and matrix[2, :3].tolist() == [0, 0, 1] and not matrix[1, 0]:
         matrix = matrix[:3, :3]  # K with nothing beside it, or the projection of a camera that is not turned

@@ -3,7 +3,6 @@
 import gzip
 import hashlib
 import json
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from zpm2.io.keys import stamp
 from zpm2.io.raster import Window
 from zpm2.io.source import Source
 from zpm2.model import PointMatches, Polygon, Side
+from zpm2.reading import WRONG, parse_json, unpack_gzip
 from zpm2.result import MatchResult
 from zpm2.tiled.view import View
 
@@ -81,9 +81,8 @@ class Kept:
         if self.folder is None:
             return None
         try:
-            with gzip.open(self.folder / f"{name}.json.gz") as file:
-                tile = _from_dict(json.load(file))
-        except (OSError, EOFError, zlib.error, ValueError, LookupError, AttributeError, TypeError, InputError):
+            tile = _from_dict(parse_json(unpack_gzip(self.folder / f"{name}.json.gz")))
+        except (OSError, InputError, *WRONG):
             return None
         if tile.windows != windows:
             return None

@@ -1,6 +1,7 @@
 """Data sets in their publishers' folder layouts, opened by name and read lazily (paper 4.1)."""
 
 import inspect
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -46,7 +47,7 @@ def open_dataset(name: str, root: str | Path, split: str | None = None, **option
     parameters = inspect.signature(lister).parameters.values()
     for option in options:
         _known(f"option of {name}", option, [p.name for p in parameters if p.kind is p.KEYWORD_ONLY])
-    if not Path(root).is_dir():
+    if not os.path.isdir(root):
         raise InputError(f"root of data set {name}: {root} is no folder: give the one that holds its files")
     return _Folder(name, partial(lister, Path(root), split, **options))
 

@@ -77,7 +77,7 @@ def _row(root: Path, row: dict[str, str | None], what: str) -> EvalPair:
     if not row["left"] or not row["right"] or None in row:
         raise InputError(f"{what} does not fit the columns: write a left and a right file, paths with commas in quotes")
     left, right = existing(root / row["left"]), existing(root / row["right"])
-    name = row.get("name") or f"{Path(row['left']).with_suffix('').as_posix()}-{right.stem}"
+    name = row.get("name") or f"{(Path(row['left']).parent / left.stem).as_posix()}-{right.stem}"
     disparity = row.get("disparity")
     truth = None
     if disparity:

@@ -1,0 +1,134 @@
+"""Files in, whatever they hold: bytes, text, JSON, TOML and numpy's arrays, with two kinds of error for all of it.
+
+`OSError` is what the system has against a file, and `ValueError` what is wrong with its content, whatever the library
+below raises. Who asks makes one `Zpm2Error` of them, as only it knows what the file is for. No size that a file
+declares is believed before it is held against the file's length.
+"""
+
+import errno
+import gzip
+import io
+import json
+import math
+import os
+import stat
+import tokenize
+import tomllib
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# what values of a foreign shape raise where they are taken for ours: no object, no such member, no number, too large
+WRONG = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
+UNPACKED = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or one tile
+DIGITS = 300  # of a whole number, beyond which it is no double
+_NPY = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+def regular(path: Path) -> Path:
+    """The path of a file that ends, under a name that we can write down again.
+
+    `OSError` for a folder, and for a pipe or a device, at which reading would wait or go on for ever.
+    """
+    try:
+        str(path).encode()
+        mode = os.stat(path).st_mode
+    except UnicodeEncodeError as error:
+        raise OSError(errno.EILSEQ, "its name is not UTF-8, rename it") from error
+    except ValueError as error:  # a NUL
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from error
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is no regular file, copy its content into one")
+    return path
+
+
+def read_bytes(path: Path) -> bytes:
+    """All of a file."""
+    return regular(path).read_bytes()
+
+
+def read_text(path: Path) -> str:
+    """A file of UTF-8, with or without a byte order mark."""
+    return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_json(path: Path) -> Any:
+    """The value in a JSON file."""
+    return parse_json(read_bytes(path))
+
+
+def parse_json(content: bytes) -> Any:
+    """The value of a JSON text. Its whole numbers can be made floats, as none has more than 300 digits."""
+    try:
+        return json.loads(content, parse_int=_whole)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table in a TOML file."""
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+def unpack_gzip(path: Path) -> bytes:
+    """What a .gz file holds, up to `UNPACKED` bytes."""
+    with gzip.open(io.BytesIO(read_bytes(path))) as file:
+        try:
+            content = file.read(UNPACKED + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise ValueError("it is damaged or no gzip file") from error
+    if len(content) > UNPACKED:
+        raise ValueError(f"it holds more than {UNPACKED // 2**20} MB")
+    return content
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """The array of an .npy file, read-only."""
+    return _array(read_bytes(path))
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file by name, read-only; together they may have `UNPACKED` bytes."""
+    content = read_bytes(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
+            members = file.infolist()
+            if sum(member.file_size for member in members) > UNPACKED:  # no more than it declares is ever unpacked
+                raise ValueError(f"it holds more than {UNPACKED // 2**20} MB")
+            return {member.filename.removesuffix(".npy"): _array(file.read(member)) for member in members}
+    except (OSError, EOFError, LookupError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError("it is damaged or no .npz file") from error
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    """An array as `numpy.save` writes it, without a copy."""
+    stream = io.BytesIO(content)
+    try:
+        header = _NPY.get(np.lib.format.read_magic(stream))
+        if header is None:
+            raise ValueError("it is of an unknown version of .npy")
+        shape, by_columns, kind = header(stream)
+    except (SyntaxError, TypeError, tokenize.TokenError, MemoryError, RecursionError, OverflowError) as error:
+        raise ValueError("it has no header of an .npy file") from error
+    if kind.hasobject or not kind.itemsize or min(shape, default=0) < 0:
+        raise ValueError(f"it holds {kind} of shape {shape}, which are no numbers")
+    if math.prod(shape) * kind.itemsize != len(content) - stream.tell():
+        raise ValueError(f"its length is not that of {kind} of shape {shape}")
+    values = np.frombuffer(content, kind, offset=stream.tell()) if math.prod(shape) else np.empty(0, kind)
+    return values.reshape(shape, order="F" if by_columns else "C")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > DIGITS:
+        raise ValueError(f"it has a number of {len(digits)} digits")
+    return int(digits)
