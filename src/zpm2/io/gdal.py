@@ -70,6 +70,8 @@ def open_file(path: str | Path, what: str) -> Any:
     file = Path(os.path.abspath(name))  # absolute, no name means anything else than a file
     if _ELSEWHERE.match(name) and not file.exists():
         raise InputError(f"{what} does not exist, and only local files are read: download or convert it first")
+    with values.opened_file(file, what):  # names that no file can have are known here
+        pass
     (_, driver), *others = _checked(file, what)
     for other, its_driver in others:
         _refuse_redirected(other, its_driver, what)
