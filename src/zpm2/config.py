@@ -402,7 +402,6 @@ LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
 MOST = {
     "segment.grid": 1000,
     "points.max_keypoints": 1_000_000,
-    "points.max_size": 100_000,
     "global_match.max_layers": 100,
     "global_match.factor": 10,
     "global_match.phi": 63,
