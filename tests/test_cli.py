@@ -474,6 +474,7 @@ LONG = "x" * 300
         ("match L R --points zift", "unknown point method 'zift' (did you mean 'sift'?)"),
         ("match L R --tiles on --points zift", "unknown point method 'zift'"),
         ("demo --seed 4294967296", "seed must be at most"),
+        ("match L R --set global_match.phi=53", "global_match.phi=53 is wider than the search window of 2 x"),
         ("reconstruct . --max-size 99999999999", "--max-size 99999999999: give at least 100 px, and at most"),
         ("reconstruct . --neighbors 99999999999", "--neighbors 99999999999: give at least 1, and at most"),
         ("match L R -o ''", "what follows -o is empty: give a value"),

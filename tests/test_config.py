@@ -191,7 +191,7 @@ def test_a_configuration_cannot_be_changed():
         Config().seed = 4
 
 
-@given(st.integers(1, 1000), st.floats(0, 1e6), st.integers(1, 500))
+@given(st.integers(1, 1000), st.floats(0, 1e6), st.integers(1, 31))
 def test_every_number_survives_set_and_dict(grid, tolerance, half):
     settings = [f"segment.grid={grid}", f"vectorize.tolerance={tolerance!r}", f"global_match.phi={2 * half + 1}"]
     config = assign(Config(), settings)

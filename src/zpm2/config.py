@@ -175,6 +175,15 @@ class Config:
             for item in dataclasses.fields(value):
                 _check_range(f"{stage.name}.{item.name}", getattr(value, item.name))
 
+    def check_together(self) -> None:
+        """`ConfigError` for values that are good each, and not together. `--set` may pass through such."""
+        phi, window = self.global_match.phi, 2 * self.global_match.tau
+        if phi > window:
+            raise ConfigError(
+                f"global_match.phi={phi} is wider than the search window of 2 x global_match.tau={window} px: give a "
+                "smaller phi, or a larger tau"
+            )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionaries, as in `matches.json`."""
         return dataclasses.asdict(self)
@@ -391,11 +400,10 @@ LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
 MOST = {
     "segment.grid": 1000,
     "points.max_keypoints": 1_000_000,
-    "points.max_size": 100_000,
     "global_match.max_layers": 100,
-    "global_match.factor": 100,
-    "global_match.phi": 255,
-    "global_match.tau": 500,
+    "global_match.factor": 10,
+    "global_match.phi": 63,
+    "global_match.tau": 200,
     "local_match.neighbors": 10_000,
     "local_match.patch": 256,
     "tiles.size": 32_768,

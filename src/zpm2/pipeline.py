@@ -49,6 +49,7 @@ class PolygonMatcher:
     ) -> None:
         self.config = configuration.preset(config) if isinstance(config, str) else config
         self.device = resolve_device(self.config.device)
+        self.config.check_together()
         if points is None:
             check_methods(self.config.points)
         self.progress = progress
