@@ -12,7 +12,7 @@ from zpm2 import cli
 from zpm2.config import OPTIONS
 from zpm2.errors import ConfigError
 
-COMMAND_ONLY = {"out", "formats", "config_file", "settings", "weights_dir", "quiet", "as_json"}
+COMMAND_ONLY = {"out", "formats", "config_file", "settings", "weights_dir", "allowed", "quiet", "as_json"}
 
 
 def regions(pair: Pair) -> dict[str, Any]:
