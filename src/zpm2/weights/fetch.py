@@ -10,7 +10,7 @@ from pathlib import Path
 from zpm2.errors import WeightsError
 from zpm2.weights import carriers
 from zpm2.weights.manifest import Entry, Hub, Source
-from zpm2.weights.net import QUICK, TIMEOUT, SourceError, Unreachable, body, open_session
+from zpm2.weights.net import QUICK, TIMEOUT, SourceError, Unreachable, body, open_session, told_briefly
 from zpm2.weights.store import BadCopy, Progress, cache_dir, keep
 
 _log = logging.getLogger(__name__)
@@ -48,25 +48,28 @@ def offline() -> str | None:
 
 def _chunks(item: Entry, source: Source, progress: Progress | None) -> Generator[bytes]:
     if isinstance(source, Hub):
-        return _from_hub(source, alone=len(item.sources) == 1)
+        return _from_hub(item, source)
     return carriers.read(item, source, progress)
 
 
-def _from_hub(source: Hub, alone: bool) -> Generator[bytes]:
-    """The file's bytes from the hub; where it is not `alone` it must answer soon.
+def _from_hub(item: Entry, source: Hub) -> Generator[bytes]:
+    """The file's bytes from the hub; where another source stands by it must answer soon.
 
     huggingface_hub says where the file is. Its own downloader is not used: it keeps a second copy in its cache, and
     asks for a host that does not resolve six times, in 23 seconds (seen with 2.4).
     """
     global _hub_rests_until
-    from huggingface_hub import hf_hub_url
-
+    alone = len(item.sources) == 1
     if not alone and time.monotonic() < _hub_rests_until:
         raise SourceError("could not be reached a moment ago")
-    url = hf_hub_url(source.repo, source.file, endpoint=os.environ.get("HF_ENDPOINT"))
+    endpoint = os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or None
+    with told_briefly(endpoint or ""):
+        from huggingface_hub import hf_hub_url  # reads HF_ENDPOINT, too, and fails for what is no address
+
+        url = hf_hub_url(source.repo, source.file, endpoint=endpoint)
     try:
-        with open_session() as session:
-            yield from body(session, url, TIMEOUT if alone else QUICK)
+        with open_session(item.size) as session:
+            yield from body(session, url, item.size, TIMEOUT if alone else QUICK)
     except Unreachable:
         _hub_rests_until = time.monotonic() + _REST
         raise

@@ -1,7 +1,17 @@
-"""The one way in which bytes come over the network: short waits, and failures told in a few words."""
+"""The one way in which bytes come over the network: bounded in time and number, and failures told in a few words.
 
+No server is relied on. Every byte of every answer, those of its head too, passes a meter (`_Metered`), which cuts
+answers that come slower than `SLOWEST` or do not end. So an answer is over after `WINDOW` + its bound / `SLOWEST`
+seconds, whatever is sent; who sends a byte a second is cut after `WINDOW`.
+"""
+
+import gzip
 import http.client
+import io
+import logging
+import re
 import tarfile
+import time
 import zipfile
 import zlib
 from collections.abc import Generator, Iterator
@@ -9,76 +19,255 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
+from zpm2.errors import Zpm2Error
 from zpm2.weights.store import Progress
 
 TIMEOUT = (10.0, 30.0)  # seconds, to connect (each address of the host) and between two reads
 QUICK = (2.0, 5.0)  # the same where another source stands by
+WINDOW = 30.0  # seconds of waiting, in each of which an answer must come on by WINDOW * SLOWEST bytes, or it is cut
+SLOWEST = 2000  # bytes a second: a slow line has 50,000, so that it may even fall silent for most of a window
+_REDIRECTS = 5
+_HEAD = 2**20  # bytes that heads and the lengths of chunks may add to a body, which may double by the latter
 _BLOCK = 1 << 18
 
+_log = logging.getLogger(__name__)
 
-class SourceError(Exception):
+
+class SourceError(Zpm2Error):
     """One source did not give the file; the text says why in a few words."""
 
 
 class Unreachable(SourceError):
-    """The source's host could not be reached at all."""
+    """The source's host could not be reached, or hardly."""
 
 
-def open_session() -> Any:
-    """A requests session. Proxies and certificates come from the environment, as usual with requests."""
+class NotThere(SourceError):
+    """The host was reached and does not have it (404)."""
+
+
+class NoRanges(SourceError):
+    """The host does not send parts of files."""
+
+
+class _TooSlow(Exception):
+    """An answer came slower than `SLOWEST`."""
+
+
+class _TooMuch(Exception):
+    """An answer had more bytes than it may have."""
+
+
+def open_session(most: int) -> Any:
+    """A requests session whose answers are metered; the body of none may have more than `most` bytes.
+
+    Proxies and certificates come from the environment, as usual with requests.
+    """
     import requests
+    from requests.adapters import HTTPAdapter
+
+    class Answer(http.client.HTTPResponse):
+        def __init__(self, sock: Any, *args: Any, **options: Any) -> None:
+            super().__init__(sock, *args, **options)
+            self.fp: Any = io.BufferedReader(_Metered(self.fp.detach(), 2 * most + _HEAD))
+
+    class Adapter(HTTPAdapter):
+        def get_connection_with_tls_context(self, *args: Any, **options: Any) -> Any:
+            pool: Any = super().get_connection_with_tls_context(*args, **options)
+            if pool.ConnectionCls.response_class is not Answer:
+                pool.ConnectionCls = type("Connection", (pool.ConnectionCls,), {"response_class": Answer})
+            return pool
 
     session = requests.Session()
     session.headers["Accept-Encoding"] = "identity"
+    session.max_redirects = _REDIRECTS
+    for scheme in ("http://", "https://"):
+        session.mount(scheme, Adapter())
     return session
 
 
-def body(
-    session: Any, url: str, timeout: tuple[float, float] = TIMEOUT, progress: Progress | None = None
-) -> Generator[bytes]:
-    """The bytes behind a URL, in order. `SourceError` if they do not all come.
+@contextmanager
+def answer(
+    session: Any, url: str, timeout: tuple[float, float] = TIMEOUT, headers: dict[str, str] | None = None
+) -> Iterator[Any]:
+    """The answer to GET, its body not yet read. `SourceError` if it is none of success."""
+    with told_briefly(url):
+        response = session.get(url, stream=True, timeout=timeout, headers=headers)
+    with response:
+        with told_briefly(url):
+            response.raise_for_status()
+        yield response
+
+
+def content(response: Any, url: str, most: int, progress: Progress | None = None) -> Generator[bytes]:
+    """The bytes of an answer's body, in order. `SourceError` if they do not all come, or are more than `most`.
 
     `progress` is told of them where the server says how many there are.
     """
-    with told_briefly(url), session.get(url, stream=True, timeout=timeout) as response:
-        response.raise_for_status()
-        done, total = 0, int(response.headers.get("Content-Length", 0))
-        for chunk in response.iter_content(_BLOCK):
-            yield chunk
-            done += len(chunk)
-            if progress and total:
-                progress(done, total)
+    done, total = 0, response.raw.length_remaining or 0  # as urllib3 reads Content-Length, doubled or bad ones too
+    chunks = response.iter_content(_BLOCK)
+    while max(done, total) <= most:
+        with told_briefly(url):
+            chunk = next(chunks, b"")
+        if not chunk:
+            return
+        done += len(chunk)
+        yield chunk
+        if progress and total:
+            progress(done, total)
+    raise SourceError(f"{host_of(url)} sends more than {most} bytes")
+
+
+def body(
+    session: Any, url: str, most: int, timeout: tuple[float, float] = TIMEOUT, progress: Progress | None = None
+) -> Generator[bytes]:
+    """The bytes behind a URL; see `content`."""
+    with answer(session, url, timeout) as response:
+        yield from content(response, url, most, progress)
+
+
+class RemoteFile(io.RawIOBase):
+    """A file on a server, of which only those bytes travel that are read; to be buffered, as each read is a request.
+
+    `NoRanges` if the server does not send parts of it, `SourceError` if it sends others than asked for, or if more
+    than `most` bytes are read altogether.
+    """
+
+    def __init__(self, session: Any, url: str, most: int) -> None:
+        self._session, self._url, self._left = session, url, most
+        self._at, self._size = 0, 0
+        self._size = self._part(0, 0)[1]
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return self._at
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
+        if self._at < 0:
+            raise OSError("a position before the file's begin")
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        count = min(len(buffer), self._size - self._at)
+        if count <= 0:
+            return 0
+        buffer[:count] = self._part(self._at, self._at + count - 1)[0]
+        self._at += count
+        return count
+
+    def _part(self, first: int, last: int) -> tuple[bytes, int]:
+        """The bytes from `first` to `last`, both included, and the file's size."""
+        self._left -= last - first + 1
+        if self._left < 0:
+            raise SourceError(f"the archive at {host_of(self._url)} has more before the file than it may have")
+        with answer(self._session, self._url, headers={"Range": f"bytes={first}-{last}"}) as response:
+            span = re.fullmatch(r"bytes (\d{1,15})-(\d{1,15})/(\d{1,15})", response.headers.get("Content-Range", ""))
+            if response.status_code != 206 or not span:
+                raise NoRanges(f"{host_of(self._url)} does not send parts of files")
+            part = b"".join(content(response, self._url, last - first + 1))
+        if (int(span[1]), int(span[2]), len(part)) != (first, last, last - first + 1):
+            raise SourceError(f"{host_of(self._url)} sends other bytes than asked for")
+        return part, int(span[3])
+
+
+class _Metered(io.RawIOBase):
+    """What a connection brings as one answer. `_TooSlow`, `_TooMuch`.
+
+    Only time spent waiting counts, not what is done with the bytes meanwhile.
+    """
+
+    def __init__(self, raw: io.RawIOBase, most: int) -> None:
+        self._raw, self._left = raw, most
+        self._came, self._waited = 0, 0.0  # in this window
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int | None:
+        began = time.monotonic()
+        count = self._raw.readinto(buffer)
+        self._waited += time.monotonic() - began
+        self._came += count or 0
+        self._left -= count or 0
+        if self._left < 0:
+            raise _TooMuch
+        if count and self._waited > WINDOW:
+            if self._came < WINDOW * SLOWEST:
+                raise _TooSlow
+            self._came, self._waited = 0, 0.0
+        return count
+
+    def close(self) -> None:
+        self._raw.close()
+        super().close()
 
 
 @contextmanager
 def told_briefly(url: str) -> Iterator[None]:
-    """Turn what network, archives and servers raise into a `SourceError` of a few words."""
+    """Turn whatever network, archives, servers and the libraries that read them raise into a `SourceError`.
+
+    That includes what those libraries do not raise on purpose, as with bytes of strangers nobody knows what that is;
+    the log has its traceback at the level DEBUG. So only calls that read foreign bytes belong inside.
+    """
     import requests
     import urllib3
+    from requests import exceptions
 
-    host = urlsplit(url).hostname or url
+    host = host_of(url)
     damaged = (
-        requests.exceptions.ChunkedEncodingError,
+        exceptions.ChunkedEncodingError,
+        exceptions.ContentDecodingError,
         urllib3.exceptions.ProtocolError,
+        urllib3.exceptions.DecodeError,
         http.client.HTTPException,
         EOFError,
+        gzip.BadGzipFile,
         tarfile.TarError,
         zipfile.BadZipFile,
         zlib.error,
     )
-    late = (requests.exceptions.Timeout, urllib3.exceptions.TimeoutError, TimeoutError)
+    late = (exceptions.Timeout, urllib3.exceptions.TimeoutError, TimeoutError)
+    no_address = (exceptions.InvalidURL, exceptions.MissingSchema, exceptions.InvalidSchema)
     try:
         yield
+    except Zpm2Error:
+        raise
+    except _TooSlow as error:
+        raise Unreachable(f"{host} sends less than {SLOWEST} bytes a second") from error
+    except _TooMuch as error:
+        raise SourceError(f"the answer of {host} does not end") from error
     except damaged as error:
         raise SourceError(f"the download from {host} broke off or is damaged") from error
-    except requests.exceptions.SSLError as error:
+    except exceptions.SSLError as error:
         raise SourceError(f"the certificate of {host} was not accepted") from error
     except late as error:
         raise Unreachable(f"{host} did not answer in time") from error
-    except requests.exceptions.ConnectionError as error:
+    except exceptions.ConnectionError as error:
         raise Unreachable(f"no connection to {host}") from error
-    except requests.exceptions.HTTPError as error:
+    except exceptions.HTTPError as error:
         code = error.response.status_code if error.response is not None else "with an error"
-        raise SourceError(f"{host} answered {code}") from error
-    except (requests.exceptions.RequestException, urllib3.exceptions.HTTPError, OSError) as error:
-        raise SourceError(f"{host}: {type(error).__name__}: {' '.join(str(error).split())[:120]}") from error
+        raise (NotThere if code == 404 else SourceError)(f"{host} answered {code}") from error
+    except exceptions.TooManyRedirects as error:
+        raise SourceError(f"{host} sends us from one address to the next") from error
+    except no_address as error:
+        raise SourceError(f"{host} is, or sends us to, what is no address of the web") from error
+    except (requests.RequestException, urllib3.exceptions.HTTPError) as error:  # its text may hold credentials
+        raise SourceError(f"{host}: {type(error).__name__}") from error
+    except OSError as error:
+        raise SourceError(f"{host}: {type(error).__name__}: {str(error)[:200]}") from error
+    except Exception as error:
+        _log.debug("what %s sent cannot be read", host, exc_info=True)
+        raise SourceError(f"what {host} sent cannot be read ({type(error).__name__})") from error
+
+
+def host_of(url: str) -> str:
+    """How messages name the server: credentials are never said."""
+    try:
+        return (urlsplit(url).hostname or "")[:100] or "an address without a host"
+    except ValueError:
+        return "an address that is none"
