@@ -1,5 +1,6 @@
 """A server on the loopback interface that sends what it likes, as fast as it likes."""
 
+import ssl
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -10,7 +11,7 @@ Reply = Callable[[str, str], Iterable[bytes]]  # (path, value of Range or "") ->
 
 
 @contextmanager
-def replying(reply: Reply) -> Iterator[str]:
+def replying(reply: Reply, tls: ssl.SSLContext | None = None) -> Iterator[str]:
     """Its address. It hangs up after each reply."""
 
     class Handler(StreamRequestHandler):
@@ -30,18 +31,20 @@ def replying(reply: Reply) -> Iterator[str]:
             """Nor is that one here."""
 
     with Server(("127.0.0.1", 0), Handler) as server:
+        if tls:
+            server.socket = tls.wrap_socket(server.socket, server_side=True)
         thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)
         thread.start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
+        yield f"{'https' if tls else 'http'}://127.0.0.1:{server.server_address[1]}"
         server.shutdown()
     thread.join()
 
 
-def drip(content: bytes, pause: float = 0.02) -> Iterator[bytes]:
-    """A byte at a time."""
-    for byte in content:
+def drip(content: bytes) -> Iterator[bytes]:
+    """A byte at a time, for 10 s."""
+    for byte in content[:500]:
         yield bytes([byte])
-        time.sleep(pause)
+        time.sleep(0.02)
 
 
 def ok(body: bytes, *headers: str) -> bytes:

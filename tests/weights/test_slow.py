@@ -1,6 +1,9 @@
 """Servers that send a byte a second, or never end: every path that bytes come by ends in time."""
 
 import itertools
+import shutil
+import ssl
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,6 +81,25 @@ def test_slow_chunks_end(slow: str, monkeypatch: pytest.MonkeyPatch):
             yield from drip(b"1\r\nx\r\n")
 
     with replying(reply) as address:
+        assert "127.0.0.1 sends less than" in ask(address, HUB, monkeypatch)
+
+
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_a_slow_proxy_ends(scheme: str, monkeypatch: pytest.MonkeyPatch):
+    with replying(lambda path, span: drip(ok(CONTENT))) as address:
+        monkeypatch.setenv(f"{scheme}_proxy", address)
+        assert "hub.test" in ask(f"{scheme}://hub.test", HUB, monkeypatch)
+
+
+@pytest.mark.skipif(not shutil.which("openssl"), reason="makes a certificate with openssl")
+def test_slow_encrypted_answers_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    key, cert = str(tmp_path / "key.pem"), str(tmp_path / "cert.pem")
+    words = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=test -addext subjectAltName=IP:127.0.0.1"
+    subprocess.run([*words.split(), "-keyout", key, "-out", cert], check=True, capture_output=True)
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(cert, key)
+    monkeypatch.setenv("REQUESTS_CA_BUNDLE", cert)
+    with replying(lambda path, span: drip(ok(CONTENT)), tls) as address:
         assert "127.0.0.1 sends less than" in ask(address, HUB, monkeypatch)
 
 

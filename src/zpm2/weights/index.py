@@ -38,7 +38,10 @@ def address_of(source: Carrier, page: bytes, kind: str, url: str) -> str | None:
 def _of_json(page: Any) -> tuple[str, list[tuple[str, str]]]:
     """The base of relative addresses, and name and address of each file."""
     _require_version(page["meta"]["api-version"])
-    return "", [(file["filename"], file["url"]) for file in page["files"]]
+    files = [(file["filename"], file["url"]) for file in page["files"]]
+    if not all(isinstance(text, str) for file in files for text in file):
+        raise ValueError("its names and addresses are no texts")
+    return "", files
 
 
 def _of_html(page: str) -> tuple[str, list[tuple[str, str]]]:
