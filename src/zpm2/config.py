@@ -16,6 +16,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
+from zpm2 import memory
 from zpm2.errors import ConfigError
 from zpm2.reading import read_json, read_toml
 
@@ -165,6 +166,7 @@ class Config:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     seed: int = 0  # of everything random
     device: str = "auto"  # auto, cpu, cuda
+    max_memory: str = "auto"  # 8GB, 512MB, ...; auto: 80 % of what is free; none: no limit
 
     def __post_init__(self) -> None:
         for stage in dataclasses.fields(self):
@@ -304,6 +306,8 @@ def _check_range(name: str, value: Any) -> None:
         and value < 1
     ):
         raise ConfigError(f"{name} must be at least 1, got {value}")
+    if name == "max_memory" and value != memory.AUTO:
+        memory.size(value)
     if name == "global_match.phi" and (value < 3 or value % 2 == 0):
         raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")
     if name == "global_match.factor" and value < 2:
@@ -430,6 +434,18 @@ SHARES = (
     "cloud.same",
 )
 
+# Bytes that a process takes at its peak.
+MEMORY = {
+    "program": 0.6e9,
+    "mobile_sam": 1.4e9,
+    "vit_b": 3e9,
+    "vit_l": 5e9,
+    "vit_h": 8e9,
+    "learned": 600.0,
+    "sift": 240.0,
+    "pixel": 60.0,
+}
+
 # What the command line and `zpm2.match` call the fields that are set most often.
 OPTIONS = {
     "segmenter": "segment.model",
@@ -441,6 +457,7 @@ OPTIONS = {
     "min_area_m2": "raster.min_area_m2",
     "estimator": "pose.estimator",
     "device": "device",
+    "max_memory": "max_memory",
     "seed": "seed",
 }
 

@@ -37,6 +37,8 @@ class Raster:
         gaps than transparent ones, of a kind that other libraries read alike.
     """
 
+    held = 0  # bytes that are in memory all the time
+
     def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
         self._source, self._what = source, what
         self.path, self.width, self.height = path, int(source.width), int(source.height)
@@ -213,10 +215,22 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
             values.check_sides(source.width, source.height, what)
             if os.path.exists(path):
                 values.check_length(source.width, source.height, source.driver, path, what)
+            values.check_memory(*_unpacked_at_once(source), what)
             return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()
         raise
+
+
+def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
+    """Width and height of what GDAL must unpack to reach any pixel, the largest block or all of the file, and bytes for
+    each of its pixels."""
+    each = [np.dtype(kind).itemsize for kind in source.dtypes]
+    if source.driver == "WEBP" or (source.driver == "JPEG" and pictures.is_progressive(Path(source.name))):
+        return source.width, source.height, sum(each)
+    height, width = max(source.block_shapes, key=math.prod)
+    apart = source.driver == "GTiff" and source.tags(ns="IMAGE_STRUCTURE").get("INTERLEAVE") == "BAND"
+    return width, height, max(each) if apart else sum(each)
 
 
 def _file_notes(source: Any, path: str) -> list[str]:

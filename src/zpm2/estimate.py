@@ -1,0 +1,44 @@
+"""How much memory a pair takes, told from its size and the configuration before anything is loaded.
+
+The numbers are `config.MEMORY`, measured and rounded up. They are of a whole process.
+"""
+
+from collections.abc import Sequence
+
+from zpm2 import memory
+from zpm2.config import MEMORY, Config
+
+Size = tuple[int, int]  # (width, height) px
+
+
+def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
+    """Bytes for a pair matched as a whole. own_regions: no network segments."""
+    areas = [width * height for width, height in sizes]
+    networks = 0.0 if own_regions else MEMORY[config.segment.model]
+    seen = max(width * height * min(1.0, config.points.max_size / max(width, height)) ** 2 for width, height in sizes)
+    learned = MEMORY["learned"] * seen if set(config.points.methods) - {"sift"} else 0.0
+    sift = MEMORY["sift"] * max(areas) if "sift" in config.points.methods else 0.0
+    return MEMORY["program"] + max(networks, learned, sift) + MEMORY["pixel"] * sum(areas)
+
+
+def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
+    """Bytes for a pair matched in tiles, of which the photographs take `held` bytes all the time."""
+    side = config.tiles.size
+    return held + whole(config, [(side, side) if w * h > side**2 else (w, h) for w, h in sizes], own_regions)
+
+
+def refuse_whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> None:
+    """`InputError` for a pair that does not fit into the budget of memory as a whole."""
+    ways = "match it in tiles (--tiles auto), reduce it, or raise --max-memory"
+    memory.refuse_above(whole(config, sizes, own_regions), f"a pair of {_text(sizes)} px as a whole", ways)
+
+
+def refuse_in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> None:
+    """`InputError` for a pair that does not fit into the budget of memory in tiles either."""
+    what = f"a pair of {_text(sizes)} px in tiles of {config.tiles.size} px"
+    ways = "make tiles.size smaller, or raise --max-memory"
+    memory.refuse_above(in_tiles(config, sizes, held, own_regions), what, ways)
+
+
+def _text(sizes: Sequence[Size]) -> str:
+    return " and ".join(dict.fromkeys(f"{width} x {height}" for width, height in sizes))
