@@ -434,16 +434,31 @@ SHARES = (
     "cloud.same",
 )
 
-# Bytes that a process takes at its peak.
+# Bytes that a process which matches one pair takes at its peak, each rounded up (`zpm2.estimate`). Measured as the
+# largest resident set of fresh processes of `zpm2 match --tiles off`, Linux, two cores, OpenVINO, the scene of `zpm2
+# demo` enlarged. Of photographs of 1, 4, 12 and 25 megapixels each, in MiB: preset default 1775, 1833, 2019, 2449;
+# preset paper 1474, 1488, 1588, 2115.
 MEMORY = {
-    "program": 0.6e9,
+    "program": 0.6e9,  # what is loaded before any network, and the result
+    "pixel": 25.0,  # for each pixel of both photographs
+    # networks that segment, while they work; all but mobile_sam by the size of their weights, not measured
     "mobile_sam": 1.4e9,
     "vit_b": 3e9,
     "vit_l": 5e9,
     "vit_h": 8e9,
-    "learned": 600.0,
+}
+
+# The same, of point matchers for each pixel of the larger photograph as they see it, measured at 1.4 (xfeat: 12) and
+# for SIFT 12 megapixels; superpoint is as aliked.
+POINT_MEMORY = {
     "sift": 240.0,
-    "pixel": 60.0,
+    "xfeat": 140.0,
+    "xfeat-dense": 140.0,
+    "disk": 2600.0,
+    "aliked": 2000.0,
+    "aliked-n16rot": 2000.0,
+    "aliked-n32": 2000.0,
+    "superpoint": 2000.0,
 }
 
 # What the command line and `zpm2.match` call the fields that are set most often.

@@ -1,12 +1,12 @@
 """How much memory a pair takes, told from its size and the configuration before anything is loaded.
 
-The numbers are `config.MEMORY`, measured and rounded up. They are of a whole process.
+The numbers are `config.MEMORY` and `config.POINT_MEMORY`, measured and rounded up. They are of a whole process.
 """
 
 from collections.abc import Sequence
 
 from zpm2 import memory
-from zpm2.config import MEMORY, Config
+from zpm2.config import MEMORY, POINT_MEMORY, Config
 
 Size = tuple[int, int]  # (width, height) px
 
@@ -15,10 +15,8 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
     """Bytes for a pair matched as a whole. own_regions: no network segments."""
     areas = [width * height for width, height in sizes]
     networks = 0.0 if own_regions else MEMORY[config.segment.model]
-    seen = max(width * height * min(1.0, config.points.max_size / max(width, height)) ** 2 for width, height in sizes)
-    learned = MEMORY["learned"] * seen if set(config.points.methods) - {"sift"} else 0.0
-    sift = MEMORY["sift"] * max(areas) if "sift" in config.points.methods else 0.0
-    return MEMORY["program"] + max(networks, learned, sift) + MEMORY["pixel"] * sum(areas)
+    points = [_points(name, config.points.max_size, size) for name in config.points.methods for size in sizes]
+    return MEMORY["program"] + max(networks, *points) + MEMORY["pixel"] * sum(areas)
 
 
 def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
@@ -38,6 +36,12 @@ def refuse_in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regi
     what = f"a pair of {_text(sizes)} px in tiles of {config.tiles.size} px"
     ways = "make tiles.size smaller, or raise --max-memory"
     memory.refuse_above(in_tiles(config, sizes, held, own_regions), what, ways)
+
+
+def _points(method: str, max_size: int, size: Size) -> float:
+    """Bytes for the points of one photograph. SIFT looks at it as it is."""
+    reduction = 1.0 if method == "sift" else min(1.0, max_size / max(size))
+    return POINT_MEMORY.get(method, 0.0) * size[0] * size[1] * reduction**2
 
 
 def _text(sizes: Sequence[Size]) -> str:

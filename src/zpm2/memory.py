@@ -19,7 +19,7 @@ SHARE = 0.8  # of what is free, and of what this process has: the rest is for wh
 UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 
 _SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
-_CGROUPS = Path("/sys/fs/cgroup")
+_CGROUPS, _LISTED = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 _said: ContextVar[str] = ContextVar("max_memory", default=AUTO)
 _reserved: ContextVar[float] = ContextVar("reserved", default=0.0)
 
@@ -106,7 +106,7 @@ def free() -> float:
 def _free_of_groups() -> Iterator[float]:
     """What is left in each control group that we are in, of version 1 or 2, as far as it is mounted here."""
     try:
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        lines = _LISTED.read_text().splitlines()
     except OSError:
         return
     for line in lines:
