@@ -8,8 +8,6 @@ from zpm2.io.source import ImageLike, Source, open_source
 from zpm2.io.values import MAX_PIXELS
 from zpm2.model import Image
 
-EACH = 5  # bytes a pixel: 8-bit RGB, where there is data, and what is made of parts
-
 
 def read_image(source: ImageLike, name: str = "image", bands: Sequence[int] = ()) -> Image:
     """8-bit RGB pixels of a photograph in its stored pixel frame, where it holds data, and a note for everything that
@@ -44,6 +42,4 @@ def whole(source: Source, name: str) -> Image:
     """All of a photograph at full size; `InputError` above 1 gigapixel."""
     if source.width * source.height > MAX_PIXELS:
         raise values.too_large(name)
-    if not source.held:
-        values.check_memory(source.width, source.height, EACH, name)
     return source.read()

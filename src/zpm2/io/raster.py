@@ -25,6 +25,7 @@ Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
 LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
 CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+EACH = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
 SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
 
 
@@ -84,6 +85,7 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
+        values.check_memory(width, height, EACH, self._what)
         with gdal.gdal(self._what):
             return self._read((x0, y0, x1, y1), width, height)
 
@@ -234,7 +236,8 @@ def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
 
 
 def _file_notes(source: Any, path: str) -> list[str]:
-    notes = [pictures.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
+    pages = len(source.subdatasets)  # which GDAL looks up each time
+    notes = [pictures.first_page_note(pages)] if pages > 1 else []
     if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
         found = pictures.header(Path(path))
         notes += [] if found is None else found[1]
