@@ -33,7 +33,7 @@ def own(pair: Pair) -> dict[str, str]:
 def test_estimates_are_above_what_was_measured_and_not_far(name: str) -> None:
     for megapixels, measured in MEASURED[name].items():
         estimated = estimate.whole(config.preset(name), [square(megapixels)] * 2, False) / 2**20
-        assert measured < estimated < 1.6 * measured
+        assert measured < estimated < 2.2 * measured
 
 
 def test_every_method_and_model_has_its_number() -> None:

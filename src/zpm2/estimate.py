@@ -16,7 +16,8 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
     areas = [width * height for width, height in sizes]
     networks = 0.0 if own_regions else MEMORY[config.segment.model]
     points = [_points(name, config.points.max_size, size) for name in config.points.methods for size in sizes]
-    return MEMORY["program"] + max(networks, *points) + MEMORY["pixel"] * sum(areas)
+    each = MEMORY["pixel"] + (MEMORY["full"] if config.segment.quality == "full" and not own_regions else 0.0)
+    return MEMORY["program"] + max(networks, *points) + each * sum(areas)
 
 
 def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
