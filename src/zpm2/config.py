@@ -443,6 +443,7 @@ MEMORY = {
     "program": 0.6e9,  # what is loaded before any network, and the result
     "pixel": 25.0,  # for each pixel of both photographs
     "full": 25.0,  # the same, more where segment.quality is full
+    "tiles": 0.5e9,  # what is kept from one tile to the next, and the cache of blocks (docs/results.md: 2.5 GB in all)
     # networks that segment, while they work; all but mobile_sam by the size of their weights, not measured
     "mobile_sam": 1.4e9,
     "vit_b": 3e9,

@@ -23,7 +23,8 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
 def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
     """Bytes for a pair matched in tiles, of which the photographs take `held` bytes all the time."""
     side = config.tiles.size
-    return held + whole(config, [(side, side) if w * h > side**2 else (w, h) for w, h in sizes], own_regions)
+    views = [(side, side) if width * height > side**2 else (width, height) for width, height in sizes]
+    return held + MEMORY["tiles"] + whole(config, views, own_regions)
 
 
 def refuse_whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> None:

@@ -202,9 +202,9 @@ def _placement_note(placement: Placement, config: Config) -> list[str]:
 
 def geometry_warnings(initial: InitialGeometry) -> list[str]:
     found = []
-    for name, found_one in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
-        if isinstance(found_one, Failed):
-            found.append(f"no {name}: {found_one.reason}")
+    for name, estimated in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
+        if isinstance(estimated, Failed):
+            found.append(f"no {name}: {estimated.reason}")
     if not initial.supported:
         found.append(
             "the photographs may not show the same scene: "

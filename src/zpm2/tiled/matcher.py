@@ -68,14 +68,16 @@ class TiledMatcher:
         sizes = [(source.width, source.height) for source in sources]
         tiles, said = in_tiles(sources, config), []
         needed = estimate.whole(config, sizes, given)
-        if not tiles and config.tiles.mode == "auto" and needed > memory.budget():
+        held = sum(source.held for source in sources)
+        less = config.tiles.mode == "auto" and estimate.in_tiles(config, sizes, held, given) < needed
+        if not tiles and less and needed > memory.budget():
             tiles = True
             said.append(
                 f"matched in tiles, as it needs about {memory.in_words(needed)} of memory as a whole, more than "
                 f"{memory.whose()}"
             )
         if tiles:
-            estimate.refuse_in_tiles(config, sizes, sum(source.held for source in sources), given)
+            estimate.refuse_in_tiles(config, sizes, held, given)
         else:
             estimate.refuse_whole(config, sizes, given)
         return tiles, said
