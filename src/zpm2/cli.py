@@ -25,6 +25,7 @@ from zpm2.console import (
     ConfigFile,
     Device,
     Interrupted,
+    MaxMemory,
     Method,
     Out,
     Preset,
@@ -217,6 +218,7 @@ def match_command(
     ] = None,
     device: Device = None,
     seed: Seed = None,
+    max_memory: MaxMemory = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -243,6 +245,7 @@ def match_command(
         "min_area_m2": min_area_m2,
         "device": device,
         "seed": seed,
+        "max_memory": max_memory,
     }
     config = configure(preset, config_file, settings, options)
     formats = _formats(formats)
@@ -267,6 +270,7 @@ def demo(
     settings: Settings = None,
     device: Device = None,
     seed: Seed = None,
+    max_memory: MaxMemory = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -283,7 +287,7 @@ def demo(
     from zpm2.result import file_names
     from zpm2.tiled import TiledMatcher
 
-    config = configure(preset, None, settings, {"device": device, "seed": seed})
+    config = configure(preset, None, settings, {"device": device, "seed": seed, "max_memory": max_memory})
     use_weights(weights_dir)
     names = "left.png", "right.png", "left_labels.png", "right_labels.png"
     with fresh_folder(out, names=[*names, *file_names()]), bars(quiet or as_json) as (progress, say):

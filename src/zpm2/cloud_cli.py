@@ -16,6 +16,7 @@ from zpm2.console import (
     Bands,
     ConfigFile,
     Device,
+    MaxMemory,
     Out,
     Preset,
     Quiet,
@@ -115,6 +116,7 @@ def cloud(
     settings: Settings = None,
     device: Device = None,
     seed: Seed = None,
+    max_memory: MaxMemory = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -124,7 +126,8 @@ def cloud(
     Writes cloud.json, cloud.html to look at, cloud.png, patches.ply, cloud.glb, boundaries and points. The matches of
     each pair stay in pairs/, and are taken from there by the next run.
     """
-    config = configure(preset, config_file, settings, {"bands": bands, "device": device, "seed": seed})
+    options = {"bands": bands, "device": device, "seed": seed, "max_memory": max_memory}
+    config = configure(preset, config_file, settings, options)
     if spacing is not None and not 0 < spacing < float("inf"):
         raise ConfigError(f"--spacing {spacing}: give a distance above 0")
     if not 0 < disparity_scale < float("inf"):

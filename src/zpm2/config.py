@@ -16,6 +16,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
+from zpm2 import memory
 from zpm2.errors import ConfigError
 from zpm2.reading import read_json, read_toml
 
@@ -165,6 +166,7 @@ class Config:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     seed: int = 0  # of everything random
     device: str = "auto"  # auto, cpu, cuda
+    max_memory: str = "auto"  # 8GB, 512MB, ...; auto: 80 % of what is free; none: no limit
 
     def __post_init__(self) -> None:
         for stage in dataclasses.fields(self):
@@ -304,6 +306,8 @@ def _check_range(name: str, value: Any) -> None:
         and value < 1
     ):
         raise ConfigError(f"{name} must be at least 1, got {value}")
+    if name == "max_memory" and value != memory.AUTO:
+        memory.size(value)
     if name == "global_match.phi" and (value < 3 or value % 2 == 0):
         raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")
     if name == "global_match.factor" and value < 2:
@@ -430,6 +434,36 @@ SHARES = (
     "cloud.same",
 )
 
+# Bytes that a process which matches one pair takes at its peak, each rounded up (`zpm2.estimate`). Measured as the
+# largest resident set of fresh processes of `zpm2 match --tiles off`, Linux, two cores, OpenVINO, the scene of `zpm2
+# demo` enlarged. Of photographs of 1, 4, 12 and 25 megapixels each, in MiB: preset default 1775, 1833, 2019, 2449;
+# preset paper 1474, 1488, 1588, 2115; and of 100 megapixels with a fourth of its prompts 4125. Masks of regions take
+# what their boxes cover, so that photographs with many large ones take more: 200 megapixels, paper, took 20.7 GB.
+MEMORY = {
+    "program": 0.6e9,  # what is loaded before any network, and the result
+    "pixel": 25.0,  # for each pixel of both photographs
+    "full": 25.0,  # the same, more where segment.quality is full
+    "tiles": 0.5e9,  # what is kept from one tile to the next, and the cache of blocks (docs/results.md: 2.5 GB in all)
+    # networks that segment, while they work; all but mobile_sam by the size of their weights, not measured
+    "mobile_sam": 1.4e9,
+    "vit_b": 3e9,
+    "vit_l": 5e9,
+    "vit_h": 8e9,
+}
+
+# The same, of point matchers for each pixel of the larger photograph as they see it, measured at 1.4 (xfeat: 12) and
+# for SIFT 12 megapixels; superpoint is as aliked.
+POINT_MEMORY = {
+    "sift": 240.0,
+    "xfeat": 140.0,
+    "xfeat-dense": 140.0,
+    "disk": 2600.0,
+    "aliked": 2000.0,
+    "aliked-n16rot": 2000.0,
+    "aliked-n32": 2000.0,
+    "superpoint": 2000.0,
+}
+
 # What the command line and `zpm2.match` call the fields that are set most often.
 OPTIONS = {
     "segmenter": "segment.model",
@@ -441,6 +475,7 @@ OPTIONS = {
     "min_area_m2": "raster.min_area_m2",
     "estimator": "pose.estimator",
     "device": "device",
+    "max_memory": "max_memory",
     "seed": "seed",
 }
 

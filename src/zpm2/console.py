@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from zpm2 import memory
 from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -30,7 +31,12 @@ EVERY = 30.0  # seconds between the lines about a run where no bar can be shown
 
 
 class Command(TyperCommand):
-    """A command whose help has the options in their groups."""
+    """A command whose help has the options in their groups, and whose budget of memory ends with it."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does."""
+        with memory.within(memory.AUTO):
+            return super().invoke(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, then each group in the order of its first option."""
@@ -162,6 +168,15 @@ Seed = Annotated[
     int | None,
     typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN),
 ]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIZE",
+        help="At most this much memory (8GB, 512MB): by tiles, or not at all, what needs more.  [default: 80% of what "
+        "is free]",
+        rich_help_panel=RUN,
+    ),
+]
 WeightsDir = Annotated[
     Path | None, typer.Option(help="A folder with your own copies of the weights.", rich_help_panel=RUN)
 ]
@@ -172,13 +187,16 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.
 
 
 def configure(preset: str, file: Path | None, settings: list[str] | None, options: dict[str, Any]) -> "Config":
-    """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that were given."""
+    """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that were given. Its
+    budget of memory holds for the command from here on."""
     from zpm2 import config
 
     chosen = config.preset(preset)
     if file is not None:
         chosen = config.load(file, chosen)
-    return config.with_options(config.assign(chosen, settings or []), options)
+    chosen = config.with_options(config.assign(chosen, settings or []), options)
+    memory.limit(chosen.max_memory)
+    return chosen
 
 
 def use_weights(directory: Path | None) -> None:

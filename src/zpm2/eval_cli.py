@@ -11,7 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from zpm2.console import AllowVrt, Method, Out, Preset, Quiet, Settings, allow_vrt, fresh_folder, one_of
+from zpm2.console import (
+    AllowVrt,
+    MaxMemory,
+    Method,
+    Out,
+    Preset,
+    Quiet,
+    Settings,
+    allow_vrt,
+    configure,
+    fresh_folder,
+    one_of,
+)
 from zpm2.errors import ConfigError, InputError
 from zpm2.methods import check_method, open_method
 
@@ -54,6 +66,7 @@ def evaluate(
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
     allowed: AllowVrt = None,
+    max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
     """Match every pair of a data set and score the matches.
@@ -61,14 +74,13 @@ def evaluate(
     Predictions are kept, a folder a pair: a run that was interrupted goes on where it stopped, and --score-only scores
     again without any model. Writes rows.csv, summary.json and summary.md.
     """
-    from zpm2 import config as configuration
     from zpm2.evaluate import predictions, report
     from zpm2.evaluate.datasets import open_dataset
     from zpm2.evaluate.kept import KeptRegions
 
     check_method(method)
     allow_vrt(allowed)
-    config = configuration.assign(configuration.preset(preset), settings or [])
+    config = configure(preset, None, settings, {"max_memory": max_memory})
     if parquet:
         report.require_parquet()
     pairs = list(itertools.islice(open_dataset(dataset, root, split, **_options(option or [])).pairs(), limit))

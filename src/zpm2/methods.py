@@ -55,6 +55,7 @@ def match(
     min_area_m2: float | None = None,
     device: str | None = None,
     seed: int | None = None,
+    max_memory: str | None = None,
 ) -> "MatchResult":
     """Match the polygons of one pair of photographs of any size. For many pairs, keep a `TiledMatcher`.
 
@@ -73,6 +74,7 @@ def match(
         "min_area_m2": min_area_m2,
         "device": device,
         "seed": seed,
+        "max_memory": max_memory,
     }
     chosen = configuration.with_options(chosen, options)
     own = own_regions(segmenter, left_regions, right_regions, chosen)

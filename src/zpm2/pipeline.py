@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from zpm2 import config as configuration
+from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
@@ -61,13 +62,14 @@ class PolygonMatcher:
         """Match one pair as a whole. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`;
         `TiledMatcher` also takes large pairs, and keeps georeferences.
 
-        Raises `InputError` for what cannot be read as a photograph. Everything else that goes wrong with a pair (no
-        overlap, no texture, no regions) is in the result: fewer matches, `Failed` geometry, `warnings`.
+        Raises `InputError` for what cannot be read as a photograph, or does not fit into `max_memory`. Everything else
+        that goes wrong with a pair (no overlap, no texture, no regions) is in the result: fewer matches, `Failed`
+        geometry, `warnings`.
 
         Threads may share a matcher: it takes their pairs one after the other. `ForkError` in a process that was forked
         from one that had loaded networks (`zpm2.turns`).
         """
-        with self.turns:
+        with self.turns, memory.within(self.config.max_memory):
             return self._call(left, right)
 
     def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
@@ -75,6 +77,7 @@ class PolygonMatcher:
         with clock("read"):
             chosen = config.raster.bands
             images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
+        estimate.refuse_whole(config, [(image.width, image.height) for image in images], self._regions.given)
         with clock("load"):
             matcher = self._load_points()
             self._regions.load()
@@ -199,9 +202,9 @@ def _placement_note(placement: Placement, config: Config) -> list[str]:
 
 def geometry_warnings(initial: InitialGeometry) -> list[str]:
     found = []
-    for name, estimate in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
-        if isinstance(estimate, Failed):
-            found.append(f"no {name}: {estimate.reason}")
+    for name, estimated in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
+        if isinstance(estimated, Failed):
+            found.append(f"no {name}: {estimated.reason}")
     if not initial.supported:
         found.append(
             "the photographs may not show the same scene: "

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from zpm2 import memory
 from zpm2.console import (
     CAMERAS,
     METHOD,
@@ -16,6 +17,7 @@ from zpm2.console import (
     Bands,
     ConfigFile,
     Device,
+    MaxMemory,
     Out,
     Preset,
     Quiet,
@@ -102,6 +104,7 @@ def pose(
     settings: Settings = None,
     device: Device = None,
     seed: Seed = None,
+    max_memory: MaxMemory = None,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -112,7 +115,7 @@ def pose(
     one: X_right = R X_left + t, t of unit length where no baseline is given. The exit code is 3 where there is no pose;
     pose.json then says why.
     """
-    options = {"bands": bands, "device": device, "seed": seed, "estimator": estimator}
+    options = {"bands": bands, "device": device, "seed": seed, "estimator": estimator, "max_memory": max_memory}
     config = configure(preset, config_file, settings, options)
     if centers not in CENTERS:
         raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")
@@ -142,7 +145,8 @@ def pose(
     names = [POSE, *(["rectified"] if rectify else []), *(["colmap"] if colmap else [])]
     inputs = left, right, *(Path(text) for text in (k, k2) if text is not None)
     folder = fresh_folder(out, *inputs, names=[*names, *(file_names() if matches is None else [])])
-    with folder, bars(quiet or as_json) as (progress, say):
+    held = memory.reserved(sum(image.rgb.nbytes for image in images))
+    with folder, held, bars(quiet or as_json) as (progress, say):
         if matches is None:
             matched = TiledMatcher(config, progress=progress, say=say)(left, right)
             matched.save(out)

@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2 import memory
+
 # what values of a foreign shape raise where they are taken for ours: no object, no such member, no number, too large
 WRONG = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 UNPACKED = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or one tile
@@ -49,8 +51,11 @@ def regular(path: Path) -> Path:
 
 
 def read_bytes(path: Path) -> bytes:
-    """All of a file."""
-    return regular(path).read_bytes()
+    """All of a file; `OSError` where it is larger than the budget of memory."""
+    if (length := os.stat(regular(path)).st_size) > (most := memory.budget()):
+        text = f"it has {memory.in_words(length)}, more than the {memory.in_words(most)} of memory: raise --max-memory"
+        raise OSError(errno.EFBIG, text)
+    return path.read_bytes()
 
 
 def read_text(path: Path) -> str:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from zpm2.console import AllowVrt, AsJson, Out, Quiet, allow_vrt, bars, fresh_folder
+from zpm2 import memory
+from zpm2.console import AllowVrt, AsJson, MaxMemory, Out, Quiet, allow_vrt, bars, fresh_folder
 from zpm2.errors import ConfigError
 
 
@@ -29,6 +30,7 @@ def reconstruct(
         typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
     ] = False,
     allowed: AllowVrt = None,
+    max_memory: MaxMemory = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -42,6 +44,8 @@ def reconstruct(
     if not 1 <= neighbors <= 1000:
         raise ConfigError(f"--neighbors {neighbors}: give at least 1, and at most 1000")
     allow_vrt(allowed)
+    memory.size(max_memory or memory.AUTO)
+    memory.limit(max_memory or memory.AUTO)
     from zpm2.cloud.workspace import read_views
     from zpm2.io.images import read_image
     from zpm2.io.inputs import distinct_names, some_photographs

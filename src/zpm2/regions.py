@@ -57,6 +57,7 @@ class RegionStages:
     ) -> None:
         self.config, self.progress, self.say = config, progress, say
         self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
+        self.given = segmenter is not None
         self._sides_done = 0
         self.turns = Turns()  # of the threads that use one matcher
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from zpm2 import config as configuration
+from zpm2 import estimate, memory
 from zpm2.baselines.histograms import Costs, Counts, compare
 from zpm2.baselines.inner_distance import InnerDistance
 from zpm2.baselines.shape_context import ShapeContext
@@ -79,8 +80,10 @@ class BaselineMatcher:
         A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, puts matches of one
         method in order and is no chance of being right: shape alone does not say.
         """
-        raster = self.config.raster
-        with self._regions.turns, opened(left, right, raster.bands, raster.gsd) as sources:
+        raster, limit = self.config.raster, memory.within(self.config.max_memory)
+        with self._regions.turns, limit, opened(left, right, raster.bands, raster.gsd) as sources:
+            sizes = [(source.width, source.height) for source in sources]
+            estimate.refuse_whole(self.config, sizes, self._regions.given)
             result = match_whole(self._match, sources, self.config)
             if in_tiles(sources, self.config):
                 result = replace(result, warnings=[*result.warnings, "matched as a whole: a baseline knows no tiles"])

@@ -13,13 +13,14 @@ from scipy import ndimage
 from zpm2.detect.given import Reader, Reading, Region, check_size
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.io import gdal, pictures
-from zpm2.io.values import MAX_PIXELS, check_length, no_memory
+from zpm2.io.values import MAX_PIXELS, check_length, check_memory, no_memory
 from zpm2.model import Image, Mask
 from zpm2.reading import read_array, regular
 
 Values = NDArray[Any]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
 CHUNK = 4_000_000  # px that are numbered at a time
+EACH = 16  # bytes a pixel: what is read, where there is no data, and the numbers
 ORIENTATION, NODATA = 274, 42113  # tags of a TIFF
 
 
@@ -104,7 +105,7 @@ def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
 
     try:
         with gdal.settings(), gdal.open_file(path, what) as file:
-            _check(what, file.width, file.height, len(file.subdatasets))
+            _check(what, file.width, file.height, str(len(file.subdatasets) or 1))
             check_length(file.width, file.height, file.driver, path, what)
             alone = file.count == 2 and file.colorinterp[1] == ColorInterp.alpha
             if file.count != 1 and not alone:
@@ -125,7 +126,7 @@ def _by_pillow(path: Path, what: str) -> tuple[Values, Hidden]:
     try:
         # not by its path: what is mapped into memory Pillow reads with the sides of the turned picture
         with path.open("rb") as stream, pictures.opened(stream) as file:
-            _check(what, file.width, file.height, getattr(file, "n_frames", 1))
+            _check(what, file.width, file.height, pictures.count_pages(file))
             check_length(file.width, file.height, file.format or "", path, what)
             turned, nodata = file.getexif().get(ORIENTATION, 1), getattr(file, "tag_v2", {}).get(NODATA)
             transparent = file.info.get("transparency")
@@ -153,11 +154,12 @@ def _by_pillow(path: Path, what: str) -> tuple[Values, Hidden]:
     return values, hidden
 
 
-def _check(what: str, width: int, height: int, pages: int) -> None:
-    if pages > 1:
+def _check(what: str, width: int, height: int, pages: str) -> None:
+    if pages != "1":
         raise InputError(f"{what} holds {pages} pages: give the one of this photograph as a file of its own")
     if width * height > MAX_PIXELS:
         raise InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: give polygons (GeoJSON) instead")
+    check_memory(width, height, EACH, what)
 
 
 def _several_bands(what: str, shape: tuple[int, ...]) -> InputError:

@@ -98,7 +98,7 @@ def orientation(image: str | None) -> int:
         return 1
     try:
         with pictures.looked_at(image) as picture:
-            value = picture.getexif().get(ORIENTATION, 1)
+            value = pictures.exif_of(picture).get(ORIENTATION, 1)
     except pictures.DAMAGE:
         return 1
     return value if isinstance(value, int) and 1 <= value <= 8 else 1

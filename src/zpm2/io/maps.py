@@ -9,10 +9,11 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.io.values import check_length
+from zpm2.io.values import check_length, check_memory
 from zpm2.reading import read_array, read_bytes, regular
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
+EACH = 12  # bytes a pixel of a PNG: as it is stored, and twice as a float
 MIXED = 0.05  # share of the known values that may have the other sign
 _ONE_BAND = ("L", "I", "I;16", "I;16B", "I;16L")  # PIL's modes of 8- and 16-bit grey
 
@@ -107,6 +108,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
 def _read_png(path: Path) -> NDArray[Any]:
     with PIL.Image.open(regular(path), formats=["PNG"]) as picture:
         check_length(*picture.size, "PNG", path, f"map {path}")
+        check_memory(*picture.size, EACH, f"map {path}")
         if picture.mode not in _ONE_BAND:
             raise InputError(f"map {path} is a PNG of mode {picture.mode}: give one band of 8 or 16 bit")
         return np.asarray(picture)

@@ -4,7 +4,7 @@ import struct
 import threading
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ FORMATS = (
     *("TIFF", "WEBP"),
 )
 
+PAGES = 100  # counted at most: each costs the more the more there were before it
 _EXIF_ORIENTATION = 274
 _BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
 DAMAGE = (
@@ -62,6 +63,7 @@ def read_file(path: Path, what: str) -> Image:
     with values.opened_file(path, what) as file, _pixel_limit(what):
         picture = _opened(file, what)
         values.check_length(*picture.size, picture.format or "", path, what)
+        values.check_memory(*picture.size, _bytes_each(picture), what)
         deep = picture.mode in ("RGB", "RGBA", "RGBX", "LA") and ";16" in str(getattr(picture, "tile", ""))
         pixels, notes, nodata = _unpacked(picture, what)
     if deep:
@@ -89,15 +91,24 @@ def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
     notes: list[str] = []
     try:
         with looked_at(path) as picture:
-            orientation = _orientation(picture, notes)
+            orientation = _orientation(lambda: exif_of(picture), notes)
             size = picture.size
             if picture.format == "TIFF":
                 size = picture.tag_v2[256], picture.tag_v2[257]  # type: ignore[attr-defined]
-            elif (pages := getattr(picture, "n_frames", 1)) > 1:
+            elif (pages := count_pages(picture)) != "1":
                 notes.append(first_page_note(pages))
     except DAMAGE:
         return None
     return size, notes if orientation == 1 else [*notes, _orientation_note(orientation)]
+
+
+def is_progressive(path: Path) -> bool:
+    """Whether it is a JPEG of which every part is spread over the file."""
+    try:
+        with looked_at(path) as picture:
+            return "progressive" in picture.info
+    except DAMAGE:
+        return False
 
 
 @contextmanager
@@ -115,7 +126,23 @@ def looked_at(path: str | Path) -> Iterator[PIL.Image.Image]:
             PIL.Image.MAX_IMAGE_PIXELS = before
 
 
-def first_page_note(pages: int) -> str:
+def count_pages(picture: PIL.Image.Image) -> str:
+    """How many pictures a file holds, in words. Of a TIFF, in which each is looked for from the first one on, no more
+    than `PAGES` are counted. The picture stays where it is."""
+    if picture.format != "TIFF":
+        return str(getattr(picture, "n_frames", 1))
+    here = picture.tell()
+    try:
+        for page in range(PAGES + 1):
+            picture.seek(page)
+    except EOFError:
+        return str(page)
+    finally:
+        picture.seek(here)
+    return f"more than {PAGES}"
+
+
+def first_page_note(pages: int | str) -> str:
     return f"Only the first of {pages} pictures in the file is used."
 
 
@@ -133,8 +160,8 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
     value that means no data, None where there is none."""
     notes: list[str] = []
     try:
-        pages = getattr(picture, "n_frames", 1)
-        orientation = _orientation(picture, notes)
+        pages = count_pages(picture)
+        orientation = _orientation(picture.getexif, notes)
         picture.load()
     except DAMAGE as error:
         raise values.damaged(what, error) from error
@@ -142,7 +169,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
     info, stored = dict(picture.info), picture.mode
     if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
         picture = picture.transpose(_UNDO_ORIENTATION[orientation])
-    if pages > 1:
+    if pages != "1":
         notes.append(first_page_note(pages))
     if orientation != 1:
         notes.append(_orientation_note(orientation))
@@ -163,6 +190,13 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
             raise InputError(f"{what} has colour model {picture.mode}: convert it to RGB first") from error
     nodata = _number(tags.get(_GDAL_NODATA, info.get("transparency"))) if picture.mode == stored else None
     return _signed(np.asarray(picture), tags), notes, nodata
+
+
+def _bytes_each(picture: PIL.Image.Image) -> int:
+    """Bytes for each pixel of a picture on its way to 8-bit RGB: Pillow's own, the array's, and the result's."""
+    bands, kind = len(picture.getbands()), {"1": 1, "I": 4, "F": 4}.get(picture.mode[:1], 1)
+    kind = 2 if ";16" in str(getattr(picture, "tile", "")) or ";16" in picture.mode else kind
+    return (4 if bands > 1 else kind) + 2 * bands * kind + 3
 
 
 def _number(text: Any) -> float | None:
@@ -186,9 +220,14 @@ def _orientation_note(orientation: int) -> str:
     return f"The EXIF orientation ({orientation}) is not applied; results are in the stored pixel frame."
 
 
-def _orientation(picture: PIL.Image.Image, notes: list[str]) -> int:
+def exif_of(picture: PIL.Image.Image) -> PIL.Image.Exif:
+    """The EXIF data of a file's header. Pillow's own way unpacks a PNG that has none, to look for some behind it."""
+    return PIL.Image.Image.getexif(picture) if picture.format == "PNG" else picture.getexif()
+
+
+def _orientation(exif: Callable[[], PIL.Image.Exif], notes: list[str]) -> int:
     try:
-        value = picture.getexif().get(_EXIF_ORIENTATION, 1)
+        value = exif().get(_EXIF_ORIENTATION, 1)
     except DAMAGE:
         notes.append(Note("The EXIF data is damaged and was ignored."))
         return 1

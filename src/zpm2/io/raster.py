@@ -25,6 +25,7 @@ Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
 LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
 CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+EACH = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
 SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
 
 
@@ -36,6 +37,8 @@ class Raster:
     alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
         gaps than transparent ones, of a kind that other libraries read alike.
     """
+
+    held = 0  # bytes that are in memory all the time
 
     def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
         self._source, self._what = source, what
@@ -82,6 +85,7 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
+        values.check_memory(width, height, EACH, self._what)
         with gdal.gdal(self._what):
             return self._read((x0, y0, x1, y1), width, height)
 
@@ -213,14 +217,27 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
             values.check_sides(source.width, source.height, what)
             if os.path.exists(path):
                 values.check_length(source.width, source.height, source.driver, path, what)
+            values.check_memory(*_unpacked_at_once(source), what)
             return Raster(source, str(path), what, bands, gsd)
     except BaseException:
         source.close()
         raise
 
 
+def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
+    """Width and height of what GDAL must unpack to reach any pixel, the largest block or all of the file, and bytes for
+    each of its pixels."""
+    each = [np.dtype(kind).itemsize for kind in source.dtypes]
+    if source.driver == "WEBP" or (source.driver == "JPEG" and pictures.is_progressive(Path(source.name))):
+        return source.width, source.height, sum(each)
+    height, width = max(source.block_shapes, key=math.prod)
+    apart = source.driver == "GTiff" and source.tags(ns="IMAGE_STRUCTURE").get("INTERLEAVE") == "BAND"
+    return width, height, max(each) if apart else sum(each)
+
+
 def _file_notes(source: Any, path: str) -> list[str]:
-    notes = [pictures.first_page_note(len(source.subdatasets))] if len(source.subdatasets) > 1 else []
+    pages = len(source.subdatasets)  # which GDAL looks up each time
+    notes = [pictures.first_page_note(pages)] if pages > 1 else []
     if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
         found = pictures.header(Path(path))
         notes += [] if found is None else found[1]

@@ -44,6 +44,11 @@ class Source(Protocol):
         ...
 
     @property
+    def held(self) -> int:
+        """Bytes of it that are in memory all the time."""
+        ...
+
+    @property
     def notes(self) -> tuple[str, ...]: ...
 
     @property
@@ -80,6 +85,7 @@ class Held:
         self.width, self.height = image.width, image.height
         self.notes = (*image.notes, *notes)
         self.geo = Georeference(gsd=gsd)
+        self.held = image.rgb.nbytes + (0 if image.valid is None else image.valid.nbytes)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """See `Source.read`."""

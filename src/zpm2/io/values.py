@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2 import memory
 from zpm2.errors import InputError
 from zpm2.messages import Note
 from zpm2.model import Image
@@ -231,6 +232,12 @@ def check_length(width: int, height: int, kind: str, path: str | Path, what: str
     """`InputError` for a file of a packed `kind` (Pillow's and GDAL's name) that is too short to hold its pixels."""
     if kind in PACKED and width * height > MAX_PER_BYTE * (length := os.stat(path).st_size):
         raise damaged(what, ValueError(f"{width} x {height} px in {length} bytes"))
+
+
+def check_memory(width: int, height: int, each: float, what: str) -> None:
+    """`InputError` for a photograph that is to be in memory at once, with `each` bytes a pixel, and does not fit into
+    the budget."""
+    memory.refuse_above(width * height * each, f"{what} ({width} x {height} px)", "reduce it, or raise --max-memory")
 
 
 def no_memory(what: str) -> InputError:

@@ -93,7 +93,7 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     """
     try:
         with pictures.looked_at(image) as picture:
-            exif = picture.getexif()
+            exif = pictures.exif_of(picture)
             values = exif.get_ifd(EXIF_IFD)
     except pictures.DAMAGE as error:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")

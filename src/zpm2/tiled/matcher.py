@@ -6,6 +6,7 @@ from pathlib import Path
 from time import perf_counter
 
 from zpm2 import config as configuration
+from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError
@@ -43,7 +44,7 @@ class TiledMatcher:
         self.progress, self.say = progress, say
         self.kept = None if kept is None else Path(kept)
         self._whole = PolygonMatcher(self.config, segmenter=segmenter, points=points, progress=progress, say=say)
-        self._points = points
+        self._points, self._segmenter_given = points, segmenter is not None
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are those of `PolygonMatcher`, and rasters of any size (extra `geo`).
@@ -51,13 +52,35 @@ class TiledMatcher:
         Raises `InputError` for what cannot be read as a photograph, `OutputError` where `kept` cannot be written.
         Threads and forks are as with `PolygonMatcher`.
         """
-        raster = self.config.raster
-        with self._whole.turns, opened(left, right, raster.bands, raster.gsd) as sources:
-            if not in_tiles(sources, self.config):
+        raster, limit = self.config.raster, memory.within(self.config.max_memory)
+        with self._whole.turns, limit, opened(left, right, raster.bands, raster.gsd) as sources:
+            tiles, said = self._by_tiles(sources)
+            if not tiles:
                 return match_whole(self._whole, sources, self.config)
             least = _least_areas(sources, self.config)
-            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
+            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept, said)
             return run.result().with_gis_messages()
+
+    def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:
+        """Whether a pair goes by tiles, and the warning that only the budget of memory makes it. `InputError` where it
+        does not fit into that."""
+        config, given = self.config, self._segmenter_given
+        sizes = [(source.width, source.height) for source in sources]
+        tiles, said = in_tiles(sources, config), []
+        needed = estimate.whole(config, sizes, given)
+        held = sum(source.held for source in sources)
+        less = config.tiles.mode == "auto" and estimate.in_tiles(config, sizes, held, given) < needed
+        if not tiles and less and needed > memory.budget():
+            tiles = True
+            said.append(
+                f"matched in tiles, as it needs about {memory.in_words(needed)} of memory as a whole, more than "
+                f"{memory.whose()}"
+            )
+        if tiles:
+            estimate.refuse_in_tiles(config, sizes, held, given)
+        else:
+            estimate.refuse_whole(config, sizes, given)
+        return tiles, said
 
 
 def in_tiles(sources: Sequence[Source], config: Config) -> bool:

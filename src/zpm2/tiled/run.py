@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from zpm2 import memory
 from zpm2.config import Config, TilesConfig
 from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.detect.protocol import PolygonSource
@@ -61,7 +62,7 @@ REGION_AREA = 100.0  # px^2 of a tile's view, the smallest region that is asked 
 
 class Run:
     """One pair on its way through the tiles: polygons of at least `least` px^2 (left, right), with the segmenters of
-    `matcher`. `kept` is a folder for finished tiles."""
+    `matcher`. `kept` is a folder for finished tiles, `said` what the result is to say of why it goes by tiles."""
 
     def __init__(
         self,
@@ -72,9 +73,10 @@ class Run:
         points: PointMatcher | None,
         progress: Progress,
         kept: Path | None,
+        said: Sequence[str] = (),
     ) -> None:
         self.config, self.sources, self.least, self.progress = config, sources, least, progress
-        self.messages: list[str] = []  # warnings, and notes (`messages`)
+        self.messages = list(said)  # warnings, and notes (`messages`)
         self.tiles = _square_enough(config.tiles, sources)
         quiet = _weights_only(progress)
         self.clock = Clock(quiet)
@@ -84,7 +86,9 @@ class Run:
         self.segmenters = segmenters
         asked = _NoRegions() if self.given else segmenters
         tile_config = replace(
-            self.config, segment=replace(self.config.segment, min_area=min(REGION_AREA, self.config.segment.min_area))
+            self.config,
+            segment=replace(self.config.segment, min_area=min(REGION_AREA, self.config.segment.min_area)),
+            max_memory=memory.UNLIMITED,  # they were asked about before
         )
         self.whole = PolygonMatcher(tile_config, segmenter=asked, points=points, progress=quiet)
         once = replace(tile_config, points=replace(tile_config.points, look_again=False))

@@ -1,0 +1,134 @@
+"""How much memory this process may take, and the refusal of what would take more.
+
+The budget is what the user says, or a share of what is free. Whoever is about to take much memory asks `refuse_above`
+first, so that one line comes in the place of the system's killer. `within` sets the budget for what runs inside it.
+"""
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+from zpm2.errors import ConfigError, InputError
+
+AUTO, UNLIMITED = "auto", "none"
+SHARE = 0.8  # of what is free, and of what this process has: the rest is for what others take meanwhile
+UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
+
+_SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
+_CGROUPS, _LISTED = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+_said: ContextVar[str] = ContextVar("max_memory", default=AUTO)
+_reserved: ContextVar[float] = ContextVar("reserved", default=0.0)
+
+
+def size(text: str) -> float:
+    """Bytes of a size such as 8GB (10^9 bytes each), 512MB or 7.5GiB (2^30). "none" is infinite, "auto" is `SHARE` of
+    what is free. `ConfigError` for all else."""
+    if text == AUTO:
+        return SHARE * (free() + _own())
+    if text == UNLIMITED:
+        return math.inf
+    found = _SIZE.fullmatch(text)
+    bytes_ = float(found[1]) * UNITS[found[2].upper()] if found else 0.0
+    if not bytes_:
+        raise ConfigError(f"max_memory '{text}' is no size: give a number with a unit (8GB, 512MB), auto or none")
+    return bytes_
+
+
+@contextmanager
+def within(text: str) -> Iterator[None]:
+    """The budget is that of `text` (`size`) inside."""
+    token = _said.set(text)
+    try:
+        yield
+    finally:
+        _said.reset(token)
+
+
+@contextmanager
+def reserved(bytes_: float) -> Iterator[None]:
+    """The budget is less inside, by what the caller holds beside that which is asked for there."""
+    token = _reserved.set(_reserved.get() + bytes_)
+    try:
+        yield
+    finally:
+        _reserved.reset(token)
+
+
+def limit(text: str) -> None:
+    """The budget is that of `text` (`size`) from here on, to the end of the `within` that we are in."""
+    _said.set(text)
+
+
+def budget() -> float:
+    """Bytes that this process may take in all; infinite where there is no limit, or none is known."""
+    return max(0.0, size(_said.get()) - _reserved.get())
+
+
+def whose() -> str:
+    """Where the budget comes from, in words."""
+    return f"{SHARE:.0%} of what is free" if _said.get() == AUTO else f"--max-memory {_said.get()}"
+
+
+def refuse_above(needed: float, what: str, way_out: str) -> None:
+    """`InputError` where something needs more bytes than the budget has."""
+    if needed > (most := budget()):
+        raise InputError(
+            f"{what} needs about {in_words(needed)} of memory, the budget is {in_words(most)} ({whose()}): {way_out}"
+        )
+
+
+def in_words(bytes_: float) -> str:
+    """A size as `size` reads it, to two or three digits."""
+    unit = "GB" if bytes_ >= 1e9 else "MB"
+    number = bytes_ / UNITS[unit]
+    return f"{number:.{0 if number >= 100 else 1}f} {unit}"
+
+
+def free() -> float:
+    """Bytes that this process can still have, by the system and by its control groups (Linux); elsewhere those of the
+    machine, as the standard library knows no more, and where it does not know that (Windows), infinite."""
+    try:
+        found = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+    except OSError:
+        found = None
+    if found is not None:
+        return min([float(found[1]) * 2**10, *_free_of_groups()])
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+
+
+def _free_of_groups() -> Iterator[float]:
+    """What is left in each control group that we are in, of version 1 or 2, as far as it is mounted here."""
+    try:
+        lines = _LISTED.read_text().splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, kinds, group = line.split(":", 2)
+        if kinds not in ("", "memory"):
+            continue
+        names = ("memory.max", "memory.current") if not kinds else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        top = _CGROUPS / kinds
+        for folder in (place := top / group.strip("/"), *place.parents):
+            if folder.is_relative_to(top):
+                try:
+                    most, used = ((folder / name).read_text().strip() for name in names)
+                    cached = re.search(r"^(?:total_)?inactive_file (\d+)$", (folder / "memory.stat").read_text(), re.M)
+                except OSError:
+                    continue
+                if most != "max":
+                    yield max(0.0, float(most) - float(used) + float(cached[1] if cached else 0))
+
+
+def _own() -> float:
+    """Bytes that this process has now; 0 where that is not known."""
+    try:
+        return float(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, AttributeError, ValueError):
+        return 0.0
