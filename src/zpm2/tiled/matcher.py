@@ -56,7 +56,7 @@ class TiledMatcher:
             if not in_tiles(sources, self.config):
                 return match_whole(self._whole, sources, self.config)
             least = _least_areas(sources, self.config)
-            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept)
+            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.say, self.kept)
             return run.result().with_gis_messages()
 
 
