@@ -17,7 +17,7 @@ import loopback  # noqa: E402
 import numpy as np  # noqa: E402
 from rendered import Pair, save_pair  # noqa: E402
 
-READ_ONLY = ("doctor", "config list", "config show", "weights list", "weights path")
+READ_ONLY = ("doctor", "config list", "config show", "weights list")
 POINTS = ("--set", "points.methods=sift", "--device", "cpu")  # no network for points
 FEW = ("--set", "segment.grid=8")  # prompts
 
@@ -56,7 +56,8 @@ def cases(folder: Path) -> Iterator[list[Case]]:
         yield [*_cases(pair), *(Case(name, [*name.split(), *more], environment=cache) for name, more in WEIGHTS)]
 
 
-WEIGHTS = (("weights get", ["tiny"]), ("weights verify", ["tiny", "--weights-dir", "../in/weights"]))
+OWN = ("tiny", "--weights-dir", "../in/weights")
+WEIGHTS = (("weights get", ("tiny",)), ("weights verify", OWN), ("weights path", OWN))
 
 
 def _cases(pair: Pair) -> Iterator[Case]:

@@ -1,27 +1,37 @@
 """A command that was killed, and started again, leaves what it would have left."""
 
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from bench import HIDDEN, Bench, Stop, differences, half, same
-from commands import READ_ONLY, cases, names_of_commands
+from commands import READ_ONLY, Case, cases, names_of_commands
 
 QUICK = ("match in tiles", "weights get")  # more, and all others: long.py
 
 
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, list[Case]]]:
+    folder = tmp_path_factory.mktemp("kills")
+    with cases(folder) as found:
+        yield folder, found
+
+
 @pytest.mark.parametrize("name", QUICK)
-def test_killed_and_started_again(name: str, tmp_path: Path) -> None:
-    with cases(tmp_path) as known:
-        bench = Bench(next(case for case in known if case.name == name), tmp_path)
+def test_killed_and_started_again(name: str, known: tuple[Path, list[Case]]) -> None:
+    bench = Bench(next(case for case in known[1] if case.name == name), known[0])
+    try:
         assert bench.reference() == []
         assert [text for number in range(2) for text in bench.trial(number)] == []
+    finally:
+        bench.clear()
 
 
-def test_every_command_is_killed_or_writes_nothing(tmp_path: Path) -> None:
+def test_every_command_is_killed_or_writes_nothing(known: tuple[Path, list[Case]]) -> None:
     """A new command is put into `commands.py`, or on its list of those that only print."""
-    with cases(tmp_path) as known:
-        names = sorted(names_of_commands(), key=len, reverse=True)
-        killed = {next(name for name in names if " ".join(case.words).startswith(name)) for case in known}
+    names = sorted(names_of_commands(), key=len, reverse=True)
+    killed = {next(name for name in names if " ".join(case.words).startswith(name)) for case in known[1]}
     assert killed | set(READ_ONLY) == set(names)
     assert not killed & set(READ_ONLY)
 
@@ -60,6 +70,4 @@ def test_what_is_wrong_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_stop_says_when() -> None:
-    import signal
-
     assert str(Stop(signal.SIGKILL, change=3)) == "SIGKILL before change 3"
