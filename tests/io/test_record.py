@@ -225,3 +225,19 @@ def test_a_folder_whose_record_a_kill_left_empty_or_cut_is_still_ours(tmp_path):
     for name in ("a.json", "c.json"):
         atomic_write(tmp_path / name, "two")
     assert contents(tmp_path) == {"a.json": b"two", "c.json": b"two"}
+
+
+def test_an_interrupt_of_the_cleaning_up_leaves_nothing_either(tmp_path, monkeypatch):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    def write(out):
+        with results_folder(out, ["a.json"]), monkeypatch.context() as patch:
+            patch.setattr("zpm2.io.record._remove", interrupted)
+            atomic_write(out / "a.json", "one")
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        write(out)
+    assert contents(out) == {"a.json": b"one"}
+    assert not list((out / HIDDEN / "parts").iterdir())

@@ -38,15 +38,16 @@ class Case:
 
 
 @contextmanager
-def cases(folder: Path) -> Iterator[list[Case]]:
-    """All of them; `folder` gets the inputs, as `in`."""
+def cases(folder: Path, ready: bool = True) -> Iterator[list[Case]]:
+    """All of them; `folder` gets the inputs, as `in`, of all of them or, if not `ready`, of matching and of weights."""
     from zpm2.demo import render_scene
 
     inputs = folder / "in"
     inputs.mkdir(parents=True)
     pair = save_pair(render_scene(0, 400, 240), inputs)
-    _evaluation(pair, inputs)
-    boards.write(inputs / "boards", 3)
+    if ready:
+        _evaluation(pair, inputs)
+        boards.write(inputs / "boards", 3)
     with loopback.serve() as server:
         server.files["/owner/models/resolve/main/tiny.pt"] = loopback.CONTENT
         (inputs / "weights").mkdir()

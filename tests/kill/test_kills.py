@@ -14,7 +14,7 @@ QUICK = ("match in tiles", "weights get")  # more, and all others: long.py
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, list[Case]]]:
     folder = tmp_path_factory.mktemp("kills")
-    with cases(folder) as found:
+    with cases(folder, ready=False) as found:
         yield folder, found
 
 

@@ -135,6 +135,13 @@ def scratch(folder: Path) -> Iterator[Path]:
         _remove(path)
 
 
+def abandon(folder: Path) -> None:
+    """Removes what this process had on its way into a claimed folder, where an interrupt came while `scratch` cleaned
+    up."""
+    for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
+        _remove(part)
+
+
 def sweep(folder: Path) -> None:
     """Removes what killed runs left of `scratch` in a folder that is all ours."""
     for part in folder.glob("*.part"):
