@@ -23,13 +23,15 @@ if __name__ == "__main__":
                 continue
             bench, start = Bench(case, Path(base)), time.monotonic()
             odd = bench.reference()
+            for text in odd:
+                print(text, file=sys.stderr, flush=True)
             equal = 0
             for number in range(count):
                 found = bench.trial(number)
                 equal += not found
                 odd += found
-            for text in odd:
-                print(text, file=sys.stderr, flush=True)
+                for text in found or [f"{case.name} {number}: equal"]:
+                    print(text, file=sys.stderr, flush=True)
             counts[case.name] = {"trials": count, "equal": equal, "seconds": round(time.monotonic() - start)}
             print(json.dumps({case.name: counts[case.name]}), file=sys.stderr, flush=True)
             wrong = wrong or bool(odd)

@@ -26,7 +26,7 @@ class TiledMatcher:
 
     Files are read by windows where that pays (`io.source.open_source`), georeferences are kept. By `tiles.mode` a pair
     is matched as a whole, or in tiles. `kept` is a folder for finished tiles: a run that was interrupted goes on from
-    there, if photographs, configuration and version are the same.
+    there, if photographs, configuration and version are the same, and `say` hears how many tiles it took.
     """
 
     def __init__(
