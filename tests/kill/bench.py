@@ -134,7 +134,7 @@ def half(alone: Path, again: Path) -> Iterator[str]:
     """What a run that was stopped left under the name of a result although it is none."""
     for name in sorted(_files(again)):
         if not (alone / name).is_file():
-            if not Path(name).name.startswith("."):  # the temporary folder of a place that nobody claimed
+            if Path(name).parent.suffix != ".part":  # on its way into a folder that nobody claimed
                 yield f"{name} is there"
         elif not same(alone / name, again / name):
             yield f"{name} differs"
