@@ -209,3 +209,35 @@ def test_removal_is_in_one_place():
     }
     cache = "weights/converted.py"  # of our own folder, and it removes nothing itself
     assert found == {"io/record.py", "io/files.py", cache}
+
+
+def test_a_folder_whose_record_a_kill_left_empty_or_cut_is_still_ours(tmp_path):
+    record = tmp_path / HIDDEN / RECORD
+    claim(tmp_path, ["a.json"])
+    whole = record.read_text()
+    record.write_text("")
+    claim(tmp_path, ["a.json"])
+    atomic_write(tmp_path / "a.json", "one")
+    assert record.read_text().startswith(whole)
+    with record.open("a") as file:
+        file.write('{"name": "b.json", "i')
+    atomic_write(tmp_path / "c.json", "one")
+    for name in ("a.json", "c.json"):
+        atomic_write(tmp_path / name, "two")
+    assert contents(tmp_path) == {"a.json": b"two", "c.json": b"two"}
+
+
+def test_an_interrupt_of_the_cleaning_up_leaves_nothing_either(tmp_path, monkeypatch):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    def write(out):
+        with results_folder(out, ["a.json"]), monkeypatch.context() as patch:
+            patch.setattr("zpm2.io.record._remove", interrupted)
+            atomic_write(out / "a.json", "one")
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        write(out)
+    assert contents(out) == {"a.json": b"one"}
+    assert not list((out / HIDDEN / "parts").iterdir())

@@ -196,3 +196,15 @@ def test_what_a_killed_download_left_goes_with_the_next_one(hub: Server, manifes
     weights.get("tiny")
     assert (left.exists(), at_work.exists()) == (False, True)
     assert not [p for p in cache_dir().iterdir() if p.suffix == ".part" and p != at_work]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes")
+@pytest.mark.parametrize("again", [weights.get, weights.locate, weights.verify])
+def test_what_was_left_by_a_run_that_was_killed_at_its_end_goes_too(own: Path, manifest: Entry, again):
+    """The file has its name already, so nothing is fetched."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left = cache_dir() / f".{gone.pid}-abcdefgh.part"
+    left.mkdir(parents=True)
+    again("tiny", directory=own)
+    assert not left.exists()

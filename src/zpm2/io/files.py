@@ -80,6 +80,7 @@ def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()
     try:
         yield claim(path, names, inputs)
     except BaseException:
+        record.abandon(path)
         record.unmark(path)
         for folder in fresh:
             with contextlib.suppress(OSError):  # not empty

@@ -135,6 +135,13 @@ def scratch(folder: Path) -> Iterator[Path]:
         _remove(path)
 
 
+def abandon(folder: Path) -> None:
+    """Removes what this process had on its way into a claimed folder, where an interrupt came while `scratch` cleaned
+    up."""
+    for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
+        _remove(part)
+
+
 def sweep(folder: Path) -> None:
     """Removes what killed runs left of `scratch` in a folder that is all ours."""
     for part in folder.glob("*.part"):
@@ -161,7 +168,7 @@ def _made(home: Path) -> dict[str, set[str]]:
     file = home / HIDDEN / RECORD
     made: dict[str, set[str]] = {}
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    if lines[:1] != [json.dumps(FORMAT)]:
+    if lines and lines[0] != json.dumps(FORMAT):  # without a line where a run was killed before it wrote one
         raise OutputError(f"{file} is no record of zpm2: give another output folder")
     for line in lines[1:]:
         with contextlib.suppress(*WRONG):
@@ -177,8 +184,14 @@ def _remember(path: Path, what: str) -> None:
 
 
 def _append(record: Path, values: dict[str, str]) -> None:
-    with record.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(values) + "\n")
+    """Adds a line, after the one for the format, and not to one that a killed run did not finish."""
+    with record.open("a+b") as file:
+        end = file.seek(0, os.SEEK_END)
+        lines = [] if end or values is FORMAT else [FORMAT]
+        file.seek(max(end - 1, 0))
+        unfinished = file.read() not in (b"", b"\n")
+        text = "\n" * unfinished + "".join(json.dumps(line) + "\n" for line in [*lines, values])
+        file.write(text.encode())
 
 
 def _key_file(folder: Path) -> Path | None:

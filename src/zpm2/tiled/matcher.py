@@ -27,7 +27,7 @@ class TiledMatcher:
 
     Files are read by windows where that pays (`io.source.open_source`), georeferences are kept. By `tiles.mode` a pair
     is matched as a whole, or in tiles. `kept` is a folder for finished tiles: a run that was interrupted goes on from
-    there, if photographs, configuration and version are the same.
+    there, if photographs, configuration and version are the same, and `say` hears how many tiles it took.
     """
 
     def __init__(
@@ -58,7 +58,9 @@ class TiledMatcher:
             if not tiles:
                 return match_whole(self._whole, sources, self.config)
             least = _least_areas(sources, self.config)
-            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.kept, said)
+            run = Run(
+                self.config, sources, least, self._whole, self._points, self.progress, self.say, self.kept, said
+            )
             return run.result().with_gis_messages()
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:

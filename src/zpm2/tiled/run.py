@@ -72,10 +72,11 @@ class Run:
         matcher: PolygonMatcher,
         points: PointMatcher | None,
         progress: Progress,
+        say: Callable[[str], None],
         kept: Path | None,
         said: Sequence[str] = (),
     ) -> None:
-        self.config, self.sources, self.least, self.progress = config, sources, least, progress
+        self.config, self.sources, self.least, self.progress, self.say = config, sources, least, progress, say
         self.messages = list(said)  # warnings, and notes (`messages`)
         self.tiles = _square_enough(config.tiles, sources)
         quiet = _weights_only(progress)
@@ -177,7 +178,7 @@ class Run:
             points = fresh if len(fresh) else points
         self.progress("tiles", 1.0)
         if self.kept.reused:
-            self.messages.append(Note(f"{self.kept.reused} of {len(found)} tiles were finished by an earlier run"))
+            self.say(f"{self.kept.reused} of {len(found)} tiles were finished by an earlier run")
         return found
 
     def _partner(self, level: int, window: Window, points: PointMatches) -> Partner | None:

@@ -76,7 +76,9 @@ def find(item: Entry, directory: str | Path | None = None, *, rehash: bool = Fal
     A wrong file in the user's folder raises `WeightsError`. A wrong file in the cache does so under `rehash` (which
     also ignores markers); otherwise it is reported and passed over, so that it is fetched anew.
     """
-    for path in (folder / item.file for folder in folders(directory)):
+    places = folders(directory)
+    _sweep(cache_dir())
+    for path in (folder / item.file for folder in places):
         try:
             if path.is_file():
                 _check(item, path, rehash)
@@ -96,13 +98,13 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
     `chunks` says its own failures as `SourceError`, which passes through; an `OSError` here is the cache's and becomes
     `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
     """
-    from zpm2.io.record import scratch, sweep  # here, as zpm2.io loads OpenCV
+    from zpm2.io.record import scratch  # here, as zpm2.io loads OpenCV
 
     target = cache_dir() / item.file
     digest, done = hashlib.sha256(), 0
     with writing(item):
         target.parent.mkdir(parents=True, exist_ok=True)
-        sweep(target.parent)
+        _sweep(target.parent)
         with scratch(target.parent) as folder:
             part = folder / item.file
             with part.open("xb") as file:
@@ -118,6 +120,14 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
             os.replace(part, target)
     _mark(item, target)
     return target
+
+
+def _sweep(folder: Path) -> None:
+    """Removes what killed runs left in the cache, if there is anything."""
+    if any(folder.glob("*.part")):
+        from zpm2.io.record import sweep  # here, as zpm2.io loads OpenCV
+
+        sweep(folder)
 
 
 @contextmanager
