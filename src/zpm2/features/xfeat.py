@@ -15,7 +15,7 @@ THRESHOLD = 0.05  # of the point probability, as published
 WINDOW = 5  # px, side of the non-maximum suppression, as published
 
 
-class Backbone(XFeatModel):
+class Backbone(XFeatModel):  # type: ignore[misc]
     """kornia's network on one thread of the CPU.
 
     oneDNN cuts the sums of its small 1 x 1 convolutions by the number of threads. The last bits of a score decide which
