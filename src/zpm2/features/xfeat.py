@@ -18,8 +18,8 @@ WINDOW = 5  # px, side of the non-maximum suppression, as published
 class Backbone(XFeatModel):  # type: ignore[misc]
     """kornia's network on one thread of the CPU.
 
-    oneDNN cuts the sums of its small 1 x 1 convolutions by the number of threads. The last bits of a score decide which
-    of two points comes first, so results would depend on the machine's cores; a pair takes 0.1 s longer for that.
+    oneDNN cuts the sums of its small 1 x 1 convolutions by the number of threads, and the last bits of a score decide
+    which of two points comes first: detection would depend on the machine's cores. A pair takes 0.1 s longer for that.
     """
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
