@@ -137,7 +137,7 @@ class PolygonCloud:
         weights = np.concatenate([p.patch.areas / p.patch.area * p.scale**2 * p.polygon.area for p in self.patches])
         low, high = np.empty(3), np.empty(3)
         for k in range(3):
-            order = np.argsort(middles[:, k])
+            order = np.argsort(middles[:, k], kind="stable")
             share = np.cumsum(weights[order]) / weights.sum()
             low[k], high[k] = middles[order, k][np.searchsorted(share, [OUTER, 1 - OUTER])]
         margin = 0.1 * np.linalg.norm(high - low)

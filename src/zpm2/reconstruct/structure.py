@@ -11,7 +11,7 @@ from zpm2.io.colmap import require_pycolmap, to_pycolmap
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 
-ALL_PAIRS = 80  # images up to which each is matched with each
+SEED = 0
 
 
 def find_structure(
@@ -48,19 +48,34 @@ def _reconstruct(
     database, models = part / "database.db", part / "models"
     models.mkdir()
     mode = pycolmap.CameraMode.AUTO if known is None else pycolmap.CameraMode.PER_IMAGE
+    pycolmap.Database.open(str(database)).close()
+    pycolmap.import_images(database, images, mode, names)  # first: extraction numbers them as its threads finish
     pycolmap.extract_features(database, images, names, camera_mode=mode, device=pycolmap.Device.auto)
     if known is not None:
         _give_cameras(pycolmap, database, known)
+    verification, mapping = _seeded(pycolmap)
     if ordered:
-        pycolmap.match_sequential(database)
+        pycolmap.match_sequential(database, verification_options=verification)
     else:
-        pycolmap.match_exhaustive(database)
+        pycolmap.match_exhaustive(database, verification_options=verification)
     if known is not None:
-        return pycolmap.triangulate_points(_posed(pycolmap, database, known), database, images, models)
-    found = pycolmap.incremental_mapping(database, images, models)
+        posed = _posed(pycolmap, database, known)
+        return pycolmap.triangulate_points(posed, database, images, models, options=mapping)
+    found = pycolmap.incremental_mapping(database, images, models, options=mapping)
     if not found:
         raise InputError(f"the photographs in {images} do not hang together: take them with more overlap")
     return max(found.values(), key=lambda r: r.num_reg_images())
+
+
+def _seeded(pycolmap: Any) -> tuple[Any, Any]:
+    """Options of matching and of mapping that give the same model each time: the same samples, whichever thread draws
+    them, and one thread for adjustment, where more add up in another order each time."""
+    pycolmap.set_random_seed(SEED)
+    verification, mapping = pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalPipelineOptions()
+    for draws in (verification.ransac, mapping, mapping.mapper, mapping.triangulation):
+        draws.random_seed = SEED
+    mapping.num_threads = 1
+    return verification, mapping
 
 
 def _give_cameras(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> None:

@@ -178,7 +178,7 @@ def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, fl
 def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
     views = sum(1 for _ in (dense / "stereo" / "depth_maps").rglob("*.geometric.bin"))
     options = pycolmap.StereoFusionOptions()
-    options.min_num_pixels = min(3, views)
+    options.min_num_pixels, options.num_threads = min(3, views), 1  # threads would race for the points
     if not pycolmap.has_cuda:
         options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
     with scratch(fused.parent) as part:
@@ -193,6 +193,7 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
 def _mesh(pycolmap: Any, fused: Path, mesh: Path, options: Options) -> None:
     meshing = pycolmap.PoissonMeshingOptions()
     meshing.depth, meshing.trim = options.poisson_depth, options.trim
+    meshing.num_threads = 1  # more add up in another order each time
     with scratch(mesh.parent) as part:
         made = part / mesh.name
         pycolmap.poisson_meshing(fused, made, meshing)

@@ -38,7 +38,7 @@ def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
         nearness = 1 / (0.05 + distance / (reach[near] + reach[k] + 1e-300)) ** 4
         taken[k] = int(np.argmin(nearness @ likeness[taken[near]] + 1e-3 * used))
         used[taken[k]] += 1
-    back = np.argsort(order)
+    back = np.argsort(order, kind="stable")
     return [(int(r), int(g), int(b)) for r, g, b in palette[taken[back]]]
 
 
