@@ -83,21 +83,6 @@ def test_xfeat_points_are_moved_to_the_centre_of_mass() -> None:
     assert read.shape == (1, 64)
 
 
-def test_xfeat_gives_the_same_bytes_with_any_number_of_threads() -> None:
-    torch.manual_seed(0)
-    network, pixels, before = xfeat.Backbone().eval(), torch.rand(1, 3, 384, 480), torch.get_num_threads()
-    found = []
-    try:
-        for threads in (1, 2, 3):
-            torch.set_num_threads(threads)
-            with torch.inference_mode():
-                found.append(network(pixels))
-            assert torch.get_num_threads() == threads
-    finally:
-        torch.set_num_threads(before)
-    assert all(torch.equal(a, b) for other in found[1:] for a, b in zip(found[0], other, strict=True))
-
-
 @pytest.mark.parametrize("name", ["xfeat_lighterglue", "disk_lightglue"])
 def test_lightglue_takes_every_published_key(name: str) -> None:
     """A file of the first release, and LighterGlue's with its prefix: after renaming, strict loading must succeed."""

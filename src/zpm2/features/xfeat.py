@@ -15,31 +15,15 @@ THRESHOLD = 0.05  # of the point probability, as published
 WINDOW = 5  # px, side of the non-maximum suppression, as published
 
 
-class Backbone(XFeatModel):  # type: ignore[misc]
-    """kornia's network on one thread of the CPU.
-
-    oneDNN cuts the sums of its small 1 x 1 convolutions by the number of threads, and the last bits of a score decide
-    which of two points comes first: detection would depend on the machine's cores. A pair takes 0.1 s longer for that.
-    """
-
-    def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
-            return super().forward(x)
-        finally:
-            torch.set_num_threads(threads)
-
-
-def load(device: str, progress: weights.Progress | None) -> Backbone:
+def load(device: str, progress: weights.Progress | None) -> XFeatModel:
     """The backbone with its weights, ready to run."""
-    network = Backbone()
+    network = XFeatModel()
     network.load_state_dict(weights.load_state_dict("xfeat", progress=progress), strict=True)
     return network.eval().to(device)
 
 
 def extract(
-    network: Backbone, pixels: torch.Tensor, limit: int
+    network: XFeatModel, pixels: torch.Tensor, limit: int
 ) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
     """The `limit` best points of each of (b, 3, h, w) images: (n, 2) px, centres at 0; (n, 64) unit descriptors; (n,)
     scores.
