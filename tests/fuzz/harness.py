@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from mutate import mutant
-from readers import Reader, readers
+from readers import readers
+from samples import Reader
 
 SECONDS = 10  # of one case
 MEMORY = 10**9  # bytes beside those of the libraries

@@ -18,7 +18,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from harness import Hang, attempt, run, summary
-from readers import Reader
+from samples import Reader
 
 from zpm2 import config
 from zpm2.detect.region_files import open_regions

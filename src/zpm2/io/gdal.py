@@ -15,6 +15,7 @@ from typing import Any
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.io import values, vrt
+from zpm2.reading import regular
 
 CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
@@ -161,8 +162,11 @@ def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]
     name, found = path.name.lower(), []
     for ending in (f"{name}.ovr", f"{name}.msk", f"{name}.aux", f"{path.stem.lower()}.aux"):
         for side in listed[path.parent].get(ending, []):
-            with side.open("rb") as file:
-                head = file.read(HEAD)
+            try:
+                with regular(side).open("rb") as file:
+                    head = file.read(HEAD)
+            except OSError as error:
+                raise InputError(f"{what} has a side file {side}, which cannot be read: remove it") from error
             if ending.endswith(".aux"):
                 if head.startswith(_HFA):
                     raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")

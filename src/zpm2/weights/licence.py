@@ -8,6 +8,7 @@ import logging
 from pathlib import Path
 
 from zpm2.errors import WeightsError
+from zpm2.reading import read_text
 from zpm2.weights.manifest import Entry
 from zpm2.weights.store import cache_dir
 
@@ -45,6 +46,6 @@ def _record() -> Path:
 
 def _accepted() -> list[str]:
     try:
-        return _record().read_text(encoding="utf-8").splitlines()
-    except OSError:
+        return read_text(_record()).splitlines()
+    except (OSError, ValueError):
         return []

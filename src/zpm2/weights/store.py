@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zpm2.errors import OutputError, WeightsError
+from zpm2.reading import read_json
 from zpm2.weights.manifest import MANIFEST, Entry
 
 Progress = Callable[[int, int], None]  # (bytes done, bytes in all)
@@ -169,7 +170,7 @@ def _marker_path(item: Entry) -> Path:
 
 def _marker(item: Entry) -> object:
     try:
-        return json.loads(_marker_path(item).read_text(encoding="utf-8"))
+        return read_json(_marker_path(item))
     except (OSError, ValueError):
         return None
 
