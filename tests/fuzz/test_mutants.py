@@ -179,11 +179,15 @@ def test_a_short_file_of_a_large_picture(tmp_path: Path) -> None:
 
 def test_counts_add_up() -> None:
     kinds = ("read", "refused", "KeyError", "KeyError")
-    found = summary({"case": k, "reader": "r", "kind": kind} for k, kind in enumerate(kinds))
+    found = summary(
+        {"case": k, "reader": "r", "kind": kind, "seconds": k / 4, "mb": 9 - k} for k, kind in enumerate(kinds)
+    )
     assert found == {
         "mutants": 4,
         "read": 1,
         "refused": 1,
         "wrong": 2,
+        "readers": {"r": 4},
+        "worst": [{"seconds": 0.75, "reader": "r", "case": 3}, {"mb": 9, "reader": "r", "case": 0}],
         "kinds": {"r: KeyError": {"count": 2, "cases": [2, 3]}},
     }
