@@ -47,6 +47,7 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
         if _same(path, Path(source)):
             raise OutputError(f"output folder {path} is one of the input files: give another folder")
     try:
+        str(path).encode()
         if path.exists() and not path.is_dir():
             raise OutputError(f"output folder {path} is a file: give another folder")
         path.mkdir(parents=True, exist_ok=True)
@@ -54,6 +55,8 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
             file.write(b"\0")
     except OSError as error:
         raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
+    except ValueError as error:  # a NUL, or what no file of text can hold
+        raise OutputError(f"output folder {path} has a name that is not UTF-8: give another folder") from error
     return path
 
 
