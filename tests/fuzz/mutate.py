@@ -155,7 +155,11 @@ def _lines(content: bytes, chance: random.Random) -> bytes:
 
 def _long_line(content: bytes, chance: random.Random) -> bytes:
     start = _place(content, chance)
-    return content[:start] + chance.choice((b"1", b"1 ", b"a", b"\xff", b"<a>", b",")) * 100_000 + content[start:]
+    return (
+        content[:start]
+        + chance.choice((b"1", b"1 ", b"a", b"\xff", b"<a>", b",", b" ", b"\n", b"\n ")) * 100_000
+        + content[start:]
+    )
 
 
 def _other(content: bytes, chance: random.Random) -> bytes:

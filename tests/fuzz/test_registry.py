@@ -24,6 +24,7 @@ NOT_READ = {  # functions in which these names open what no user's file is, and 
     "reading.py: unpack_gzip": "bytes",
     "cloud/page.py: page": "the package's own template",
     "io/keys.py: code": "the package's own source",
+    "io/lock.py": "a file without content",
     "weights/": "downloads and verified files: tests/weights",
     "detect/sam_backend.py": "networks of a folder that weights.converted has checked",
     "reconstruct/structure.py": "COLMAP's work on photographs that read_image has read: errors by io.colmap.colmap_can",

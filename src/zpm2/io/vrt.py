@@ -72,7 +72,8 @@ def _root(path: Path, what: str) -> ElementTree.Element:
         text = read_text(path)  # as UTF-8 whatever it declares, as GDAL does
     except (OSError, ValueError) as error:
         raise InputError(f"{what} is no VRT in UTF-8: write it again with gdalbuildvrt") from error
-    text = _DECLARATION.sub("", text, count=1)
+    declared = _DECLARATION.match(text)  # at its beginning only: a search takes hours for many spaces
+    text = text[declared.end() :] if declared else text
     if "<!" in text or "<?" in text:  # comments, entities, CDATA: parsers differ in what they make of them
         raise InputError(f"{what} is a VRT with comments or declarations: write it again with gdalbuildvrt")
     try:
