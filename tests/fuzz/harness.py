@@ -26,7 +26,8 @@ from mutate import mutant
 from readers import readers
 from samples import Reader
 
-SECONDS = 10  # of one case
+SECONDS = 10  # of one case, at work
+WAITING = 30  # s, at work or not
 MEMORY = 10**9  # bytes beside those of the libraries
 ENDED = "ended"  # the process: killed, crashed, or waiting in a library
 
@@ -52,7 +53,7 @@ def attempt(reader: Reader, folder: Path) -> tuple[str, str]:
     """What reading a folder ends in, "read", "refused", or the name of what should not have come out, and its words."""
     from zpm2.errors import Zpm2Error
 
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         reader.read(folder)
     except Zpm2Error as error:
@@ -62,7 +63,7 @@ def attempt(reader: Reader, folder: Path) -> tuple[str, str]:
     except BaseException as error:
         return f"{type(error).__name__} in {_where(error)}", str(error)[:200]
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     return "read", ""
 
 
@@ -130,7 +131,7 @@ def _worker(first: int, count: int, only: str) -> None:
     def late(*_: object) -> None:
         raise Hang
 
-    signal.signal(signal.SIGALRM, late)
+    signal.signal(signal.SIGPROF, late)
     known = readers()
     with tempfile.TemporaryDirectory() as base:
         for reader in known:  # valid samples load every library before there is a limit
@@ -153,7 +154,7 @@ def _worker(first: int, count: int, only: str) -> None:
             used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
             resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, resource.RLIM_INFINITY))
             print(json.dumps(at), flush=True)  # what a worker that is killed was at
-            faulthandler.dump_traceback_later(SECONDS + 5, exit=True)  # in a library, where no signal is heard
+            faulthandler.dump_traceback_later(WAITING, exit=True)  # in a library, where no signal is heard
             Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
             before, start = _memory("VmRSS"), monotonic()
             kind, why = attempt(reader, folder)
