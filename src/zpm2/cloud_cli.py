@@ -27,6 +27,7 @@ from zpm2.console import (
     bars,
     configure,
     fresh_folder,
+    given_matches,
     use_weights,
 )
 from zpm2.errors import ConfigError, Failed, InputError
@@ -244,17 +245,16 @@ def _stereo(
     from zpm2.io.fit import doubts
     from zpm2.io.images import read_image
     from zpm2.io.maps import read_disparity
-    from zpm2.result import MatchResult
 
     chosen = matcher.config.raster.bands
     left, right = (read_image(p, f"{n} image", chosen) for p, n in zip(photographs, ("left", "right"), strict=True))
     odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
     given = read_disparity(disparity, (left.width, left.height), *scaling) if disparity is not None else None
     names = photographs[0].name, photographs[1].name
-    result = MatchResult.load(matches) if matches is not None else matcher(photographs[0], photographs[1], names)
-    sizes = [(side.width, side.height) for side in (result.left, result.right)]
-    if sizes != [rig.left.size, rig.right.size]:
-        raise ConfigError(f"--matches {matches} is of images of another size: give the matches of these images")
+    if matches is not None:
+        result = given_matches(matches, photographs, (left, right))
+    else:
+        result = matcher(photographs[0], photographs[1], names)
     matcher.progress("mesh", 0.0)
     if given is None:
         bounds = stereo.disparity_range(result.points.left[:, 0] - result.points.right[:, 0], left.width)

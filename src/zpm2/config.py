@@ -312,7 +312,7 @@ def _check_range(name: str, value: Any) -> None:
         raise ConfigError(f"{name} must be odd and at least 3 px, got {value}")
     if name == "global_match.factor" and value < 2:
         raise ConfigError(f"{name} must be at least 2, got {value}")
-    if name == "pose.crop_size" and value < 32:
+    if name in ("pose.crop_size", "points.max_size") and value < 32:
         raise ConfigError(f"{name} must be at least 32 px, got {value}")
     if name in ("pose.noise_px", "pose.inflation", "cloud.step", "cloud.min_scale") and value == 0:
         raise ConfigError(f"{name} must be above 0, got {value}")

@@ -1,10 +1,11 @@
 """What the commands share: their options and help, the configuration that these make, progress, interrupts, weights."""
 
+import dataclasses
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -18,6 +19,8 @@ from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.config import Config
+    from zpm2.model import Image
+    from zpm2.result import MatchResult
 
 # groups of options in the help
 RESULT = "Results"
@@ -212,6 +215,37 @@ def allow_vrt(folders: list[Path] | None) -> None:
     from zpm2.io import vrt
 
     vrt.allow(folders or [])
+
+
+def given_matches(folder: Path, photographs: Sequence[Path], images: "Sequence[Image]") -> "MatchResult":
+    """The matches of `--matches FOLDER`, of these photographs.
+
+    `ConfigError` where they are of another size or given the wrong way round. Another file of the same size may be the
+    same photograph, better exposed for instance: a warning of the result says so.
+    """
+    from zpm2.io.inputs import json_file
+    from zpm2.io.places import exchanged, is_content
+    from zpm2.result import SIDES, MatchResult
+
+    matched = MatchResult.load(folder)
+    document = json_file(folder / "matches.json" if os.path.isdir(folder) else folder)
+    noted = [document[name] for name in SIDES]
+    if exchanged(noted, photographs):
+        raise ConfigError(f"--matches {folder} is of these images the other way round: exchange them")
+    warnings = list(matched.warnings)
+    for k, (name, side) in enumerate(zip(SIDES, (matched.left, matched.right), strict=True)):
+        image, path = images[k], photographs[k]
+        if (side.width, side.height) != (image.width, image.height):
+            raise ConfigError(
+                f"--matches {folder} is of a {name} image of {side.width} x {side.height} px, this one has "
+                f"{image.width} x {image.height} px: give the images that were matched"
+            )
+        if not is_content(noted[k], path):
+            warnings.append(
+                f"{path} is not the file that {folder} has matches of, only of the same size: where it shows anything "
+                "else, the result is wrong"
+            )
+    return dataclasses.replace(matched, warnings=warnings)
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from zpm2.console import (
     choices,
     configure,
     fresh_folder,
+    given_matches,
     one_of,
     use_weights,
 )
@@ -135,7 +136,7 @@ def pose(
     from zpm2.pose import PoseFinder
     from zpm2.pose.result import NAME as POSE
     from zpm2.regions import resolve_device
-    from zpm2.result import MatchResult, file_names
+    from zpm2.result import file_names
     from zpm2.tiled import TiledMatcher
 
     finder = PoseFinder(config, device=resolve_device(config.device))
@@ -151,8 +152,7 @@ def pose(
             matched = TiledMatcher(config, progress=progress, say=say)(left, right)
             matched.save(out)
         else:
-            matched = MatchResult.load(matches)
-            _refuse_other(matched, images, matches)
+            matched = given_matches(matches, (left, right), images)
         progress("pose", 0.0)
         found = finder(matched, cameras, images)
         found = found.with_baseline(baseline) if baseline is not None else found
@@ -192,15 +192,6 @@ def _cameras(
 
 def _size(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]}"
-
-
-def _refuse_other(matched: "MatchResult", images: Any, folder: Path) -> None:
-    for side, image, name in zip((matched.left, matched.right), images, ("left", "right"), strict=True):
-        if (side.width, side.height) != (image.width, image.height):
-            raise ConfigError(
-                f"--matches {folder} is of a {name} image of {_size((side.width, side.height))} px, this one has "
-                f"{_size((image.width, image.height))} px: give the images that were matched"
-            )
 
 
 def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Path) -> list[str]:

@@ -26,7 +26,8 @@ from zpm2 import memory
 
 # what values of a foreign shape raise where they are taken for ours: no object, no such member, no number, too large
 WRONG = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
-UNPACKED = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or one tile
+UNPACKED = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or a usual tile
+RATIO = 40
 DIGITS = 300  # of a whole number, beyond which it is no double
 _NPY = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -86,14 +87,16 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def unpack_gzip(path: Path) -> bytes:
-    """What a .gz file holds, up to `UNPACKED` bytes."""
-    with gzip.open(io.BytesIO(read_bytes(path))) as file:
+    """What a .gz file holds: up to `UNPACKED` bytes, or `RATIO` times its length, which no text of numbers reaches."""
+    packed = read_bytes(path)
+    most = max(UNPACKED, RATIO * len(packed))
+    with gzip.open(io.BytesIO(packed)) as file:
         try:
-            content = file.read(UNPACKED + 1)
+            content = file.read(most + 1)
         except (OSError, EOFError, zlib.error) as error:
             raise ValueError("it is damaged or no gzip file") from error
-    if len(content) > UNPACKED:
-        raise ValueError(f"it holds more than {UNPACKED // 2**20} MB")
+    if len(content) > most:
+        raise ValueError(f"it holds more than {most // 2**20} MB")
     return content
 
 

@@ -19,12 +19,15 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from mutate import mutant
-from readers import Reader, readers
+from readers import readers
+from samples import Reader
 
-SECONDS = 10  # of one case
+SECONDS = 10  # of one case, at work
+WAITING = 30  # s, at work or not
 MEMORY = 10**9  # bytes beside those of the libraries
 ENDED = "ended"  # the process: killed, crashed, or waiting in a library
 
@@ -50,7 +53,7 @@ def attempt(reader: Reader, folder: Path) -> tuple[str, str]:
     """What reading a folder ends in, "read", "refused", or the name of what should not have come out, and its words."""
     from zpm2.errors import Zpm2Error
 
-    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         reader.read(folder)
     except Zpm2Error as error:
@@ -60,7 +63,7 @@ def attempt(reader: Reader, folder: Path) -> tuple[str, str]:
     except BaseException as error:
         return f"{type(error).__name__} in {_where(error)}", str(error)[:200]
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     return "read", ""
 
 
@@ -90,10 +93,16 @@ def run(first: int, count: int, only: str = "") -> Iterator[dict[str, Any]]:
 
 
 def summary(cases: Iterator[dict[str, Any]], tell: Any = None) -> dict[str, Any]:
-    """Counts by outcome, and the cases that went wrong, once for each kind with the numbers of the first few."""
-    counts, wrong = Counter[str](), dict[str, list[int]]()
+    """Counts by outcome and by reader, the most seconds and MB that a case took, and the cases that went wrong, once
+    for each kind with the numbers of the first few."""
+    counts, wrong, by_reader = Counter[str](), dict[str, list[int]](), Counter[str]()
+    worst = {"seconds": {"seconds": 0.0}, "mb": {"mb": 0}}
     for found in cases:
         kind = found["kind"]
+        by_reader[found["reader"]] += 1
+        for name in worst:
+            if found.get(name, 0) > worst[name][name]:
+                worst[name] = {name: found[name], "reader": found["reader"], "case": found["case"]}
         good = kind in ("read", "refused")
         counts[kind if good else "wrong"] += 1
         if not good:
@@ -101,7 +110,8 @@ def summary(cases: Iterator[dict[str, Any]], tell: Any = None) -> dict[str, Any]
             if tell is not None and len(wrong[f"{found['reader']}: {kind}"]) == 1:
                 tell(json.dumps(found))
     named = {kind: {"count": len(numbers), "cases": numbers[:3]} for kind, numbers in wrong.items()}
-    return {"mutants": sum(counts.values()), **counts, "kinds": named}
+    sums = {"readers": dict(sorted(by_reader.items())), "worst": list(worst.values())}
+    return {"mutants": sum(counts.values()), **counts, **sums, "kinds": named}
 
 
 def _where(error: BaseException | None) -> str:
@@ -111,11 +121,17 @@ def _where(error: BaseException | None) -> str:
     return " < ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in [*frames[-1:], *ours[-1:]])
 
 
+def _memory(name: str) -> int:
+    """KB, of this process."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+
 def _worker(first: int, count: int, only: str) -> None:
     def late(*_: object) -> None:
         raise Hang
 
-    signal.signal(signal.SIGALRM, late)
+    signal.signal(signal.SIGPROF, late)
     known = readers()
     with tempfile.TemporaryDirectory() as base:
         for reader in known:  # valid samples load every library before there is a limit
@@ -138,10 +154,13 @@ def _worker(first: int, count: int, only: str) -> None:
             used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
             resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, resource.RLIM_INFINITY))
             print(json.dumps(at), flush=True)  # what a worker that is killed was at
-            faulthandler.dump_traceback_later(SECONDS + 5, exit=True)  # in a library, where no signal is heard
+            faulthandler.dump_traceback_later(WAITING, exit=True)  # in a library, where no signal is heard
+            Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
+            before, start = _memory("VmRSS"), monotonic()
             kind, why = attempt(reader, folder)
             faulthandler.cancel_dump_traceback_later()
-            print(json.dumps({**at, "kind": kind, "why": why}), flush=True)
+            cost = {"seconds": round(monotonic() - start, 2), "mb": max(_memory("VmHWM") - before, 0) // 1024}
+            print(json.dumps({**at, "kind": kind, "why": why, **cost}), flush=True)
             shutil.rmtree(folder)
 
 

@@ -43,6 +43,21 @@ NUMBERS = (
     2**63,
     2**64 - 1,
 )
+OTHERS = (  # what may lie under a name that says something else
+    *(b"", b"\0", b"\n", b"%!PS-Adobe-3.0 EPSF-3.0\n", b"%PDF-1.7\n", b"<html></html>", b"#!/bin/sh\n", b"\x7fELF"),
+    *(b"II*\0\x08\0\0\0\0\0", b"MM\0*", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"GIF89a", b"RIFF\0\0\0\0WEBP"),
+    *(
+        b"PK\3\4",
+        b"PK\5\6" + bytes(18),
+        b"\x1f\x8b\x08",
+        b"\x93NUMPY",
+        b"Pf\n1 1\n1\n",
+        b"ply\n",
+        b"OFF\n",
+        b"solid \n",
+    ),
+    *(b"{}", b"[]", b"null", b"\xef\xbb\xbf", b"\xff\xfe", b"<VRTDataset/>", b"glTF\2\0\0\0", b"SQLite format 3\0"),
+)
 
 
 def mutant(content: bytes, name: str, chance: random.Random) -> bytes:
@@ -138,6 +153,29 @@ def _lines(content: bytes, chance: random.Random) -> bytes:
     return b"\n".join(lines)
 
 
+def _long_line(content: bytes, chance: random.Random) -> bytes:
+    start = _place(content, chance)
+    return (
+        content[:start]
+        + chance.choice((b"1", b"1 ", b"a", b"\xff", b"<a>", b",", b" ", b"\n", b"\n ")) * 100_000
+        + content[start:]
+    )
+
+
+def _other(content: bytes, chance: random.Random) -> bytes:
+    """Something else under this name, or nothing."""
+    other = chance.choice(OTHERS)
+    return other + content if other and chance.random() < 0.3 else other
+
+
+def _in_glb(content: bytes, chance: random.Random) -> bytes:
+    """The JSON of a GLB changes, and the lengths with it."""
+    size = int.from_bytes(content[12:16], "little")
+    text, rest = _json(content[20 : 20 + size], chance), content[20 + size :]
+    text += b" " * (-len(text) % 4)
+    return content[:8] + struct.pack("<III", 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
 def _json(content: bytes, chance: random.Random) -> bytes:
     """A value somewhere in a JSON text becomes another one, goes, or changes places."""
     try:
@@ -205,11 +243,14 @@ def _in_chunk(content: bytes, chance: random.Random) -> bytes:
     )
 
 
-_BYTES: tuple[Change, ...] = (_flipped, _cut, _doubled, _without, _with_noise, _with_number, _with_number, _swapped)
+_BYTES: tuple[Change, ...] = (
+    *(_flipped, _cut, _doubled, _without, _with_noise, _with_number, _with_number, _swapped, _other, _long_line),
+)
 _TEXT: tuple[Change, ...] = (_words, _words, _words, _lines)
 _BY_ENDING: dict[str, tuple[Change, ...]] = {
-    **dict.fromkeys(("txt", "toml", "csv", "obj", "off", "camera", "jsonl", "pfm", "ply"), _TEXT),
+    **dict.fromkeys(("txt", "toml", "csv", "obj", "off", "camera", "jsonl", "pfm", "ply", "stl", "vrt"), _TEXT),
     **dict.fromkeys(("json", "geojson"), (_json, _json, _json, _words)),
+    "glb": (_in_glb, _in_glb),
     "npz": (_in_zip,),
     "gz": (_in_gzip,),
     "npy": (_words,),

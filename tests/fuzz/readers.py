@@ -1,29 +1,31 @@
 """Every function that reads a user's file, with small valid samples made by code."""
 
-import gzip
-import io
 import json
 import struct
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
 import PIL.Image
+import rasterio
+import trimesh
+from dataset_readers import dataset_readers
 from mutate import SIZE
+from own_readers import own_readers
+from rasterio.rpc import RPC
+from samples import Files, Reader, encoded, npy, npz, only, pixels
 
 from zpm2 import config
 from zpm2.cloud.stereo import read_calibration
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import read_views
 from zpm2.detect.region_files import open_regions
-from zpm2.evaluate import predictions
-from zpm2.evaluate.datasets import dtu, isprs, pair_list, scannet, scannet1500
-from zpm2.evaluate.pairs import EvalPair
-from zpm2.io import cameras, colmap, files, record
+from zpm2.errors import MissingDependency
+from zpm2.io import cameras, colmap, gdal
 from zpm2.io.coco import compressed
 from zpm2.io.fit import orientation
 from zpm2.io.images import read_image
@@ -31,77 +33,104 @@ from zpm2.io.inputs import image_size
 from zpm2.io.maps import read_disparity, read_map
 from zpm2.io.source import open_source
 from zpm2.model import Image
-from zpm2.pose.intrinsics import read_camera
-from zpm2.result import MatchResult
-from zpm2.tiled.tile import Kept
-
-Files = dict[str, bytes]
-
-
-@dataclass(frozen=True)
-class Reader:
-    """A function of a folder, and folders that it reads: files by name, the first of each is damaged most."""
-
-    name: str
-    samples: tuple[Files, ...]
-    read: Callable[[Path], Any]
-    still: frozenset[str] = frozenset()  # names of files that stay as they are
+from zpm2.pose.intrinsics import from_exif, read_camera
 
 
 def readers() -> list[Reader]:
     """All of them."""
-    return [*_pictures(), *_regions(), *_tables(), *_cameras(), *_meshes(), *_results(), *_datasets()]
-
-
-def _pixels(bands: int = 3, kind: str = "u1") -> Any:
-    rng = np.random.default_rng(0)
-    values = rng.integers(0, 255 if kind == "u1" else 4000, (SIZE[1], SIZE[0], bands)).astype(kind)
-    return values[..., 0] if bands == 1 else values
-
-
-def _encoded(kind: str, pixels: Any, **options: Any) -> bytes:
-    out = io.BytesIO()
-    PIL.Image.fromarray(pixels).save(out, kind, **options)
-    return out.getvalue()
-
-
-def _pictures() -> list[Reader]:
-    exif = PIL.Image.Exif()
-    exif[0x0112], exif[0x0110] = 6, "camera"
-    exif.get_ifd(0x8769)[0x920A], exif.get_ifd(0x8769)[0xA405] = 35.0, 50
-    photographs: tuple[Files, ...] = (
-        {"a.png": _encoded("PNG", _pixels())},
-        {"a.png": _encoded("PNG", _pixels(4))},
-        {"a.png": cv2.imencode(".png", _pixels(3, "u2"))[1].tobytes()},
-        {"a.jpg": _encoded("JPEG", _pixels(), exif=exif.tobytes())},
-        {"a.jpg": _encoded("JPEG", _pixels(), progressive=True)},
-        {"a.tif": _encoded("TIFF", _pixels())},
-        {"a.tif": _encoded("TIFF", _pixels(1, "f4"), compression="tiff_deflate")},
-        {"a.tif": _encoded("TIFF", _pixels(1, "u2"), compression="tiff_lzw")},
-        {"a.webp": _encoded("WEBP", _pixels(), lossless=True)},
-        {"a.bmp": _encoded("BMP", _pixels())},
-        {"a.jp2": cv2.imencode(".jp2", _pixels())[1].tobytes()},
-    )
-
-    told: tuple[Files, ...] = (photographs[3], {"a.png": _encoded("PNG", _pixels(), exif=exif)})
-
-    def windows(folder: Path) -> None:
-        with closing(open_source(_only(folder))) as source:
-            source.read((0, 0, source.width // 2, source.height // 2), (8, 8))
-            source.to_lon_lat(np.zeros((2, 2)))
-
     return [
-        Reader("picture", photographs, lambda folder: read_image(_only(folder))),
-        Reader("picture by windows", photographs, windows),
-        Reader(
-            "size of a picture", photographs, lambda folder: (image_size(_only(folder)), orientation(_text(folder)))
-        ),
-        Reader("exif", told, lambda folder: read_camera("exif", _only(folder), SIZE)),
+        *(*_pictures(), *_regions(), *_tables(), *_cameras(), *_meshes()),
+        *(*own_readers(), *dataset_readers()),
     ]
 
 
+def _pictures() -> list[Reader]:
+    exif = _exif(0x0112, 0x0110, 0x920A, 0xA405)
+    photographs: tuple[Files, ...] = (
+        {"a.png": encoded("PNG", pixels())},
+        {"a.png": encoded("PNG", pixels(4))},
+        {"a.png": cv2.imencode(".png", pixels(3, "u2"))[1].tobytes()},
+        {"a.jpg": encoded("JPEG", pixels(), exif=exif.tobytes())},
+        {"a.jpg": encoded("JPEG", pixels(), progressive=True)},
+        {"a.tif": encoded("TIFF", pixels())},
+        {"a.tif": encoded("TIFF", pixels(1, "f4"), compression="tiff_deflate")},
+        {"a.tif": encoded("TIFF", pixels(1, "u2"), compression="tiff_lzw")},
+        {"a.webp": encoded("WEBP", pixels(), lossless=True)},
+        {"a.bmp": encoded("BMP", pixels())},
+        {"a.jp2": cv2.imencode(".jp2", pixels())[1].tobytes()},
+    )
+
+    told: tuple[Files, ...] = (
+        *(photographs[3], {"a.png": encoded("PNG", pixels(), exif=exif)}),
+        {"a.jpg": encoded("JPEG", pixels(), exif=_exif(0x920A, 0x0110).tobytes())},
+        {"a.jpg": encoded("JPEG", pixels(), exif=_exif(0x920A, 0xA20E, 0xA210, 0xA002).tobytes())},
+    )
+
+    def windows(folder: Path) -> None:
+        path = min(folder.glob("a.*"), key=lambda path: len(path.name))  # and what lies beside it
+        with closing(open_source(path)) as source:
+            source.read((0, 0, source.width // 2, source.height // 2), (8, 8))
+            source.to_lon_lat(np.zeros((2, 2)))
+
+    still = frozenset(("b.tif",))
+    mosaic = {"a.vrt": _VRT, "b.tif": photographs[5]["a.tif"]}
+    reduced = encoded("TIFF", pixels()[::2, ::2])
+    placed: tuple[Files, ...] = ({"a.tif": _placed()}, {"a.tif": _placed(rpc=True)})
+    others: tuple[Files, ...] = (mosaic, {"a.tif.ovr": reduced, **photographs[5]}, {"a.tif.msk": reduced, **placed[0]})
+    return [
+        Reader("placed raster", (*placed, *others), windows, still),
+        Reader("picture", photographs, lambda folder: read_image(only(folder))),
+        Reader("picture by windows", photographs, windows),
+        Reader("picture without rasterio", photographs, _without_rasterio(lambda folder: read_image(only(folder)))),
+        Reader("size of a picture", photographs, lambda folder: (image_size(only(folder)), orientation(_text(folder)))),
+        Reader("exif", told, lambda folder: from_exif(only(folder), SIZE)),
+    ]
+
+
+def _exif(*tags: int) -> PIL.Image.Exif:
+    """Of these tags: orientation, make and model, focal lengths, resolution on the sensor and its unit, width."""
+    top = {0x0112: 6, 0x010F: "Canon", 0x0110: "Canon EOS 5D"}
+    below = {0x920A: 35.0, 0xA405: 50, 0xA20E: 200.0, 0xA210: 3, 0xA002: 48}
+    exif = PIL.Image.Exif()
+    for tag in tags:
+        (exif if tag in top else exif.get_ifd(0x8769))[tag] = (top | below)[tag]
+    return exif
+
+
+def _without_rasterio(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """A reader where the extra `geo` is not installed."""
+
+    def reading(folder: Path) -> Any:
+        with mock.patch.object(gdal, "require_rasterio", side_effect=MissingDependency("no rasterio")):
+            return read(folder)
+
+    return reading
+
+
+_VRT = b"""<VRTDataset rasterXSize="48" rasterYSize="40">
+<SRS>EPSG:32632</SRS><GeoTransform>500000, 1, 0, 5000000, 0, -1</GeoTransform>
+<VRTRasterBand dataType="Byte" band="1"><ColorInterp>Gray</ColorInterp><SimpleSource>
+<SourceFilename relativeToVRT="1">b.tif</SourceFilename><SourceBand>1</SourceBand>
+<SrcRect xOff="0" yOff="0" xSize="48" ySize="40"/><DstRect xOff="0" yOff="0" xSize="48" ySize="40"/>
+</SimpleSource></VRTRasterBand></VRTDataset>
+"""
+
+
+def _placed(rpc: bool = False) -> bytes:
+    """A GeoTIFF with a place on the ground, by a map or by rational polynomials."""
+    line, sample = [0.0, 0, -1, *[0.0] * 17], [0.0, 1, *[0.0] * 18]
+    one = [1.0, *[0.0] * 19]
+    place: dict[str, Any] = {"crs": "EPSG:32632", "transform": rasterio.Affine(1, 0, 5e5, 0, -1, 5e6)}
+    if rpc:
+        place = {"rpcs": RPC(0, 1, 45, 1, one, line, 20, 20, 9, 1, one, sample, 24, 24)}
+    with rasterio.MemoryFile() as memory:
+        with memory.open(driver="GTiff", width=SIZE[0], height=SIZE[1], count=1, dtype="uint8", **place) as file:
+            file.write(pixels(1)[None])
+        return memory.read()
+
+
 def _regions() -> list[Reader]:
-    image = Image(_pixels(), "photo.png", ())
+    image = Image(pixels(), "photo.png", ())
     labels = np.zeros(SIZE[::-1], np.uint16)
     labels[5:20, 5:30], labels[25:35, 10:40] = 1, 2
     ring = [[5, 5], [30, 5], [30, 20], [5, 20], [5, 5]]
@@ -138,22 +167,26 @@ def _regions() -> list[Reader]:
         ],
     }
     samples: tuple[Files, ...] = (
-        {"a.png": _encoded("PNG", labels)},
-        {"a.tif": _encoded("TIFF", labels)},
-        {"a.npy": _npy(labels)},
+        {"a.png": encoded("PNG", labels)},
+        {"a.tif": encoded("TIFF", labels)},
+        {"a.npy": npy(labels)},
         {"a.geojson": json.dumps(geojson).encode()},
         {"a.json": json.dumps(coco).encode()},
         {"a.json": json.dumps(coco["annotations"][:2]).encode()},
     )
-    return [Reader("regions", samples, lambda folder: open_regions(_only(folder))(image))]
+    read = lambda folder: open_regions(only(folder))(image)  # noqa: E731
+    return [
+        Reader("regions", samples, read),
+        Reader("label image without rasterio", samples[:2], _without_rasterio(read)),
+    ]
 
 
 def _tables() -> list[Reader]:
     values = np.linspace(1, 9, SIZE[0] * SIZE[1], dtype="f4").reshape(SIZE[::-1])
     maps: tuple[Files, ...] = (
         {"a.pfm": b"Pf\n%d %d\n-1.0\n" % SIZE + values.tobytes()},
-        {"a.png": _encoded("PNG", (values * 256).astype(np.uint16))},
-        {"a.npy": _npy(values)},
+        {"a.png": encoded("PNG", (values * 256).astype(np.uint16))},
+        {"a.npy": npy(values)},
     )
     toml = (
         b'seed = 3\n[segment]\ngrid = 16\nquality = "fast"\n[points]\nmethods = ["sift"]\n[raster]\nbands = [1, 2, 3]\n'
@@ -165,12 +198,12 @@ def _tables() -> list[Reader]:
         "raster": {"gsd": [1]},
     }
     return [
-        Reader("map", maps, lambda folder: read_map(_only(folder), SIZE)),
-        Reader("disparity", maps, lambda folder: read_disparity(_only(folder))),
+        Reader("map", maps, lambda folder: read_map(only(folder), SIZE)),
+        Reader("disparity", maps, lambda folder: read_disparity(only(folder))),
         Reader(
             "configuration",
             ({"a.toml": toml}, {"a.json": json.dumps(stages).encode()}),
-            lambda folder: config.load(_only(folder)),
+            lambda folder: config.load(only(folder)),
         ),
     ]
 
@@ -178,7 +211,7 @@ def _tables() -> list[Reader]:
 def _cameras() -> list[Reader]:
     matrix = np.array([[50.0, 0, 24], [0, 50, 20], [0, 0, 1]])
     described = {"matrix": matrix.tolist(), "distortion": [0.1, 0.01], "width": SIZE[0], "height": SIZE[1]}
-    photograph = {"a.png": _encoded("PNG", _pixels())}
+    photograph = {"a.png": encoded("PNG", pixels())}
     rows = "\n".join(" ".join(map(str, row)) for row in matrix)
     named = {
         "cameras.txt": b"# list\n1 PINHOLE 48 40 50 50 24 20\n2 OPENCV 48 40 50 50 24 20 .1 0 0 0\n",
@@ -205,20 +238,20 @@ def _cameras() -> list[Reader]:
     return [
         Reader(
             "K",
-            ({"K.txt": rows.encode()}, {"K.npy": _npy(matrix)}, {"K.json": json.dumps(described).encode()}),
-            lambda folder: read_camera(str(_only(folder)), "a.png", SIZE),
+            ({"K.txt": rows.encode()}, {"K.npy": npy(matrix)}, {"K.json": json.dumps(described).encode()}),
+            lambda folder: read_camera(str(only(folder)), "a.png", SIZE),
         ),
         Reader(
             "COLMAP camera", ({**named}, {**binary}), lambda folder: read_camera(str(folder), folder / "a.png", SIZE)
         ),
         Reader("COLMAP poses", ({**named}, {**binary}), lambda folder: colmap.read_poses(folder, [])),
         Reader("workspace of COLMAP", ({**named, **two}, {**binary, **two}), views, still),
-        Reader("workspace of IDR", ({"cameras.npz": _npz(world), **two},), views, still),
+        Reader("workspace of IDR", ({"cameras.npz": npz(world), **two},), views, still),
         Reader("workspace of MVSNet", ({"a_cam.txt": mvsnet, "b_cam.txt": mvsnet, **two},), views, still),
         Reader("workspace of Strecha", ({"a.png.camera": strecha, "b.png.camera": strecha, **two},), views, still),
-        Reader("calibration", ({"a.txt": middlebury}, {"a.txt": kitti}), lambda f: read_calibration(_only(f), SIZE)),
+        Reader("calibration", ({"a.txt": middlebury}, {"a.txt": kitti}), lambda f: read_calibration(only(f), SIZE)),
         Reader(
-            "archive", ({"a.npz": _npz(world)},), lambda folder: cameras.idr(cameras.archive(_only(folder)), 0, folder)
+            "archive", ({"a.npz": npz(world)},), lambda folder: cameras.idr(cameras.archive(only(folder)), 0, folder)
         ),
     ]
 
@@ -238,139 +271,17 @@ def _meshes() -> list[Reader]:
         {"a.ply": head.format("binary_little_endian 1.0").encode() + points.tobytes() + packed},
         {"a.obj": "\n".join(obj).encode()},
         {"a.off": "\n".join(["OFF", "5 3 0", *lines, *listed]).encode()},
+        {"a.stl": _exported("stl_ascii", points)},
+        {"a.stl": _exported("stl", points)},
+        {"a.glb": _exported("glb", points)},
     )
-    return [Reader("mesh", samples, lambda folder: Surface.read(_only(folder)))]
+    return [Reader("mesh", samples, lambda folder: Surface.read(only(folder)))]
 
 
-def _results() -> list[Reader]:
-    square = [[5.0, 5.0], [30.0, 5.0], [30.0, 20.0], [5.0, 20.0]]
-    polygon = {"id": 1, "vertices": square, "holes": [], "area": 375.0, "score": 0.9, "parent": None, "label": "a"}
-    side = {"path": None, "width": 48, "height": 40, "crs": None, "transform": [[1, 0, 0], [0, 1, 0]], "gsd": 1.0}
-    side |= {"rpc": None, "polygons": [polygon, {**polygon, "id": 2, "unmatched": "rejected"}]}
-    points = {"left": [[1.0, 2.0], [3.0, 4.0]], "right": [[1.0, 2.0], [3.0, 4.0]], "score": [1.0, 0.5]}
-    match = {"left": 1, "right": 1, "confidence": 0.5, "cost": 0.1, "dsf": 0.2, "stage": "reference", "overlap": None}
-    document = {
-        "schema": "zpm2-matches/1",
-        "left": side,
-        "right": side,
-        "matches": [{**match, "nodes": [[0, 0], [1, 1]]}],
-        "points": points,
-        "fundamental": None,
-        "homography": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        "config": {"local_match": {"gamma": 3}},
-        "timings": {"points": 1.0},
-        "warnings": [],
-        "version": "0",
-    }
-    tile = {
-        "level": 0,
-        "sides": [{**side, "window": [0, 0, 48, 40]}] * 2,
-        "guided": [[1, 1]],
-        "points": points,
-        "seconds": {"points": 1},
-    }
-    made = b'{"format": "zpm2-folder/1"}\n{"name": "overlay.png", "is": "12-ab"}\n{"name": "images", "is": "folder"}\n'
-    pair = EvalPair("pair", Path("a.png"), Path("b.png"))
-
-    def predicted(folder: Path) -> None:
-        predictions.load(pair, folder)
-        predictions.load_pose(pair, folder)
-        predictions.memory(pair, folder)
-        predictions.is_of(pair, folder)
-
-    def recorded(folder: Path) -> None:
-        hidden = folder / record.HIDDEN
-        hidden.mkdir(exist_ok=True)
-        (folder / record.RECORD).replace(hidden / record.RECORD)
-        files.claim(folder, ["images", "matches.json"])
-        record.kept(folder)
-        record.unmark(folder)
-
-    pose = {
-        "pose": {"rotation": np.eye(3).tolist(), "translation": [1, 0, 0], "flags": ["planar"]},
-        "counts": {"used": 10, "inliers": 8},
-        "timings": {"pose": 0.1},
-    }
-    written = json.dumps(document).encode()
-    kept = {
-        "predictions/pair/matches.json": written,
-        "predictions/pair/pose.json": json.dumps(pose).encode(),
-        "predictions/pair/memory.json": b'{"peak_mb": 100}',
-    }
-    return [
-        Reader("result", ({"matches.json": written},), lambda folder: MatchResult.load(folder)),
-        Reader("predictions", (kept, {"predictions/pair/failed.json": b'{"reason": "why"}', **kept}), predicted),
-        Reader("tile", ({"a.json.gz": gzip.compress(json.dumps(tile).encode())},), _tile),
-        Reader("record", ({record.RECORD: made, "overlay.png": b"x"},), recorded),
-    ]
-
-
-def _tile(folder: Path) -> None:
-    Kept(folder.parent, folder.name).load("a", ((0, 0, 48, 40), (0, 0, 48, 40)))
-
-
-def _datasets() -> list[Reader]:
-    picture = _encoded("PNG", _pixels())
-    two = {"a.png": picture, "b.png": picture}
-    eye, k = np.eye(4).tolist(), [[50, 0, 24], [0, 50, 20], [0, 0, 1]]
-    listed = [
-        {"name": "one", "left": "a.png", "right": "b.png", "gt": {"kind": "disparity", "file": "a.png", "scale": 256}},
-        {"name": "two", "left": "a.png", "right": "b.png", "set": "x", "gt": {"kind": "homography", "H": k}},
-        {"name": "3", "left": "a.png", "right": "b.png", "gt": {"kind": "pose", "K0": k, "K1": k, "T_0to1": eye}},
-    ]
-    csv = b"left,right,disparity,scale,sign,name\na.png,b.png,a.png,256,1,first\na.png,b.png,,,,\n"
-    scene = {f"color/{n}.png": picture for n in (0, 20)}
-    poses = {f"pose/{n}.txt": "\n".join(" ".join(map(str, row)) for row in eye).encode() for n in (0, 20)}
-    calibration = {"intrinsic/intrinsic_color.txt": b"50 0 24 0\n0 50 20 0\n0 0 1 0\n0 0 0 1\n"}
-    index = {"name": np.array([[707, 0, 0, 20]]), "rel_pose": np.eye(4)[:3].reshape(1, 12)}
-    colour = {f"scans_test/scene0707_00/color/{n}.jpg": _encoded("JPEG", _pixels()) for n in (0, 20)}
-    cams = b"extrinsic\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n50 0 24\n0 50 20\n0 0 1\n\n1 2\n"
-    views = {f"images/0000000{n}.png": picture for n in (0, 1)}
-    neighbours = {
-        "pair.txt": b"2\n0\n1 1 2.5\n1\n1 0 2.5\n",
-        "cams/00000000_cam.txt": cams,
-        "cams/00000001_cam.txt": cams,
-    }
-    return [
-        Reader(
-            "pairs.json",
-            ({"pairs.json": json.dumps(listed).encode(), **two},),
-            lambda folder: list(pair_list.from_json(folder, None)),
-            frozenset(two),
-        ),
-        Reader("pairs.csv", ({"pairs.csv": csv, **two},), lambda f: list(pair_list.from_csv(f, None)), frozenset(two)),
-        Reader(
-            "pairs.txt", ({"pairs.txt": b"a.png b.png\n", **two},), lambda f: list(isprs.pairs(f, None)), frozenset(two)
-        ),
-        Reader(
-            "ScanNet", ({**poses, **calibration, **scene},), lambda f: list(scannet.pairs(f, None)), frozenset(scene)
-        ),
-        Reader(
-            "ScanNet1500",
-            ({"test.npz": _npz(index), "intrinsics.npz": _npz({"scene0707_00": np.array(k, float)}), **colour},),
-            lambda folder: list(scannet1500.pairs(folder, None)),
-            frozenset(colour),
-        ),
-        Reader("DTU", ({**neighbours, **views},), lambda folder: list(dtu.pairs(folder, None)), frozenset(views)),
-    ]
-
-
-def _npy(values: Any) -> bytes:
-    out = io.BytesIO()
-    np.save(out, values)
-    return out.getvalue()
-
-
-def _npz(values: dict[str, Any]) -> bytes:
-    out = io.BytesIO()
-    np.savez(out, **values)
-    return out.getvalue()
-
-
-def _only(folder: Path) -> Path:
-    (path,) = folder.iterdir()
-    return path
+def _exported(form: str, points: Any) -> bytes:
+    content = trimesh.Trimesh(points, [[0, 1, 2], [0, 2, 3]], process=False).export(file_type=form)
+    return content.encode() if isinstance(content, str) else content
 
 
 def _text(folder: Path) -> str:
-    return str(_only(folder))
+    return str(only(folder))

@@ -12,15 +12,19 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
+import cv2
 import numpy as np
 import PIL.Image
 import pytest
 from harness import Hang, attempt, run, summary
-from readers import Reader
+from samples import Reader
 
 from zpm2 import config
+from zpm2.cloud.stereo import read_calibration
+from zpm2.cloud.surface import Surface
 from zpm2.detect.region_files import open_regions
 from zpm2.errors import ConfigError, InputError, Zpm2Error
 from zpm2.io import cameras, colmap, inputs
@@ -177,13 +181,42 @@ def test_a_short_file_of_a_large_picture(tmp_path: Path) -> None:
             read(path)
 
 
+def test_a_box_without_an_end_in_another_one(tmp_path: Path) -> None:
+    """GDAL reads it for ever."""
+    content = cv2.imencode(".jp2", np.random.default_rng(0).integers(0, 255, (40, 48, 3), np.uint8))[1].tobytes()
+    path = tmp_path / "a.jp2"
+    path.write_bytes(content)
+    read_image(path)
+    path.write_bytes(content.replace(b"\0\0\0\x0fcolr", b"\0\0\0\0colr"))
+    with pytest.raises(InputError, match="damaged"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("filler", [b" ", b"\n", b"\n ", b"\t\n"])
+@pytest.mark.parametrize("name", ["a.vrt", "a.ply", "a.pfm", "a.off", "a.obj", "calib.txt"])
+def test_many_spaces_are_read_in_time(tmp_path: Path, name: str, filler: bytes) -> None:
+    """A pattern that tries every one of them as its beginning takes minutes."""
+    before = {"a.vrt": b"<VRTDataset>", "a.ply": b"ply\n", "a.pfm": b"Pf\n", "a.off": b"OFF\n", "a.obj": b"v"}
+    path = tmp_path / name
+    path.write_bytes(before.get(name, b"cam0=") + filler * 200_000)
+    read = {"a.vrt": read_image, "a.pfm": read_map, "calib.txt": lambda path: read_calibration(path, (48, 40))}
+    start = monotonic()
+    with pytest.raises(InputError):
+        read.get(name, Surface.read)(path)
+    assert monotonic() - start < 5
+
+
 def test_counts_add_up() -> None:
     kinds = ("read", "refused", "KeyError", "KeyError")
-    found = summary({"case": k, "reader": "r", "kind": kind} for k, kind in enumerate(kinds))
+    found = summary(
+        {"case": k, "reader": "r", "kind": kind, "seconds": k / 4, "mb": 9 - k} for k, kind in enumerate(kinds)
+    )
     assert found == {
         "mutants": 4,
         "read": 1,
         "refused": 1,
         "wrong": 2,
+        "readers": {"r": 4},
+        "worst": [{"seconds": 0.75, "reader": "r", "case": 3}, {"mb": 9, "reader": "r", "case": 0}],
         "kinds": {"r: KeyError": {"count": 2, "cases": [2, 3]}},
     }

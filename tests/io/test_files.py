@@ -1,11 +1,14 @@
 import errno
 import os
+import re
+import subprocess
 import sys
 
 import pytest
 
 from zpm2.errors import OutputError
 from zpm2.io import atomic_write, output_folder
+from zpm2.io.files import results_folder
 
 
 @pytest.mark.parametrize(("content", "stored"), [(b"\x00\xff", b"\x00\xff"), ("größer\n", "größer\n".encode())])
@@ -100,3 +103,45 @@ def test_read_only_folder(tmp_path):
         output_folder(tmp_path)
     with pytest.raises(OutputError, match="permission denied"):
         atomic_write(tmp_path / "a", "x")
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+from zpm2.errors import OutputError
+from zpm2.io.files import atomic_write, results_folder
+out = Path(sys.argv[1])
+try:
+    with results_folder(out, ["a.json"]):
+        if sys.argv[2] == "ours":
+            atomic_write(out / "a.json", "x" * 1_000_000)
+        else:
+            (out / "a.json").write_text("x" * 1_000_000)
+except OutputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit")
+@pytest.mark.parametrize("whose", ["ours", "a library's"])
+def test_a_file_above_the_limit_is_said(tmp_path, whose):
+    """Whoever writes it: Python's own write into the folder stands for a library's."""
+    run = [sys.executable, "-c", LIMITED, tmp_path / "out", whose]
+    said = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    assert "a file would be larger than allowed; raise the limit (ulimit -f), or give another disk" in said
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (errno.ENOSPC, "the disk is full; free some space"),
+        (errno.EDQUOT, "your share of the disk is full; free some space"),
+        (errno.EROFS, "permission denied, the disk can only be read; give a folder on another one"),
+        (errno.EFBIG, "a file would be larger than allowed; raise the limit"),
+    ],
+)
+def test_a_disk_that_takes_no_more_ends_a_run_in_one_line(tmp_path, code, words):
+    with pytest.raises(OutputError, match=re.escape(words)), results_folder(tmp_path / "out", ["a.json"]):
+        raise OSError(code, os.strerror(code), "a.json")
+    assert not (tmp_path / "out").exists()

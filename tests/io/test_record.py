@@ -1,5 +1,6 @@
 """Only what a run of zpm2 made is replaced or removed."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -9,9 +10,9 @@ import pytest
 
 import zpm2
 from zpm2.errors import OutputError
-from zpm2.io import atomic_write, claim
+from zpm2.io import atomic_write, claim, lock
 from zpm2.io.files import results_folder
-from zpm2.io.record import HIDDEN, RECORD, discard, keep, kept, made_folder, put, scratch
+from zpm2.io.record import HIDDEN, LOCK, RECORD, discard, keep, kept, made_folder, put, scratch
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -208,7 +209,69 @@ def test_removal_is_in_one_place():
         if any(word in path.read_text(encoding="utf-8") for word in words)
     }
     cache = "weights/converted.py"  # of our own folder, and it removes nothing itself
-    assert found == {"io/record.py", "io/files.py", cache}
+    lock = "io/lock.py"  # the file that it made and holds
+    assert found == {"io/record.py", "io/files.py", lock, cache}
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from zpm2.io.files import results_folder
+with results_folder(Path(sys.argv[1]), ["a.json"]):
+    print("in", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_run_into_a_folder_ends_at_once(tmp_path):
+    out = tmp_path / "out"
+    with subprocess.Popen([sys.executable, "-c", HOLD, out], stdout=subprocess.PIPE, text=True) as first:
+        try:
+            assert first.stdout.readline() == "in\n"
+            with (
+                pytest.raises(
+                    OutputError, match=r"another run is writing into .*: wait until it ends, or give another"
+                ),
+                results_folder(out, ["a.json"]),
+            ):
+                pass
+            assert (out / HIDDEN / RECORD).exists()  # which is the first run's
+        finally:
+            first.kill()
+    assert (out / HIDDEN / LOCK).exists()
+    with results_folder(out, ["a.json"]):  # what was killed bars nobody
+        atomic_write(out / "a.json", "{}")
+    assert not (out / HIDDEN / LOCK).exists()
+
+
+def test_runs_that_start_together_are_one_at_a_time(tmp_path):
+    """Each of some processes adds 1 to a number when it gets the lock, and tries again when it does not."""
+    code = (
+        "import sys, time\nfrom pathlib import Path\nfrom zpm2.io.lock import Taken, locked\nout = Path(sys.argv[1])\n"
+        "done = 0\nwhile done < 50:\n    try:\n        with locked(out / 'lock'):\n"
+        "            n = int((out / 'n').read_text())\n            (out / 'n').write_text(str(n + 1))\n"
+        "        done += 1\n    except Taken:\n        time.sleep(0.001)\n"
+    )
+    (tmp_path / "n").write_text("0")
+    runs = [subprocess.Popen([sys.executable, "-c", code, tmp_path]) for _ in range(3)]
+    assert [run.wait(60) for run in runs] == [0, 0, 0]
+    assert (tmp_path / "n").read_text() == "150"
+
+
+def test_a_failed_run_leaves_no_lock(tmp_path):
+    with pytest.raises(ValueError, match="stop"), results_folder(tmp_path / "out", ["a.json"]):
+        raise ValueError("stop")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_without_locks_is_said(tmp_path, monkeypatch, caplog):
+    def none(_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(lock, "_take", none)
+    with results_folder(tmp_path / "out", ["a.json"]) as folder:
+        atomic_write(folder / "a.json", "{}")
+    assert "cannot be locked (No locks available): let no other run write there" in caplog.text
 
 
 def test_a_folder_whose_record_a_kill_left_empty_or_cut_is_still_ours(tmp_path):

@@ -195,3 +195,20 @@ def test_matches_of_other_images(pair: Pair, matches: Path, k: str, run: Run, tm
     code, _, err = run("pose", tmp_path / "a.png", tmp_path / "b.png", "-o", tmp_path / "p", *words)
     assert code == 2
     assert "give the images that were matched" in err
+
+
+def test_matches_of_other_photographs_of_the_same_size(
+    pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path
+) -> None:
+    """Another file may be the same photograph, written anew: a warning. Exchanged ones are a mistake."""
+    with PIL.Image.open(pair.left) as picture:
+        picture.save(tmp_path / "left.png", compress_level=1)
+    words = ["-o", tmp_path / "p", "--K", k, "--matches", matches, *QUICK]
+    code, _, err = run("pose", tmp_path / "left.png", pair.right, *words)
+    assert code == 0, err
+    assert "left.png is not the file that" in err
+    assert "right.png is not" not in err
+    assert "is not the file" not in run("pose", pair.left, pair.right, *words).err
+    code, _, err = run("pose", pair.right, pair.left, *words)
+    assert code == 2
+    assert "the other way round: exchange them" in err

@@ -8,6 +8,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from zpm2 import reading
 from zpm2.config import Config
 from zpm2.errors import Failed, OutputError
 from zpm2.io.raster import open_raster
@@ -57,6 +58,18 @@ def test_a_tile_comes_back_as_it_was(tmp_path, windows):
     same(again.load("2-7", windows), a_tile(windows))
     assert again.reused == 1
     assert [path.name for path in (tmp_path / "abc").iterdir()] == ["2-7.json.gz"]
+
+
+def test_a_large_tile_comes_back(tmp_path, monkeypatch):
+    """Its file is as long as what it holds asks for, which no bomb's is."""
+    monkeypatch.setattr(reading, "UNPACKED", 1000)
+    rng = np.random.default_rng(0)
+    points = PointMatches(rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 1, 1000))
+    kept = Kept(tmp_path, "abc")
+    kept.save("0-0", dataclasses.replace(a_tile(), points=points))
+    again = kept.load("0-0", WINDOWS)
+    assert again is not None
+    assert np.array_equal(again.points.left, points.left)
 
 
 def test_an_empty_tile_comes_back(tmp_path):

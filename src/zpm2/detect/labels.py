@@ -140,7 +140,7 @@ def _by_pillow(path: Path, what: str) -> tuple[Values, Hidden]:
             values = np.asarray(picture)
     except PIL.Image.DecompressionBombError as error:
         raise MissingDependency(f'{what} is so large that it needs rasterio: pip install "zpm2[geo]"') from error
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
+    except pictures.DAMAGE as error:
         raise InputError(
             f'cannot read {what}: it is damaged, no {path.suffix} file, or needs rasterio: pip install "zpm2[geo]"'
         ) from error

@@ -14,6 +14,7 @@ from zpm2.io.inputs import existing, text
 from zpm2.reading import read_arrays
 
 Array = NDArray[np.float64]
+BEYOND = 1e50  # no number of a camera is as large, and products of a few such are still finite
 
 
 def intrinsics(matrix: Array) -> Array:
@@ -63,8 +64,8 @@ def matrix(values: Any, shape: tuple[int, int], what: str) -> Array:
         array = np.array(values, np.float64).reshape(shape)
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is no {shape[0]} x {shape[1]} matrix of numbers: correct the file") from error
-    if not np.isfinite(array).all():
-        raise InputError(f"{what} has a value that is not finite: correct the file")
+    if not (np.abs(array) < BEYOND).all():
+        raise InputError(f"{what} has a value that is not finite, or as good as that: correct the file")
     return array
 
 
@@ -82,7 +83,7 @@ def rigid(values: Any, what: str) -> Array:
 def calibration(values: Any, what: str) -> Array:
     """`values` as a 3 x 3 K (last row 0 0 1, focal lengths positive); `InputError` calls it `what`."""
     k = matrix(values, (3, 3), what)
-    if not np.allclose(k[2], (0, 0, 1)) or not (k[0, 0] > 0 and k[1, 1] > 0):
+    if not np.allclose(k[2], (0, 0, 1)) or not (k[[0, 1], [0, 1]] > 1 / BEYOND).all():
         raise InputError(f"{what} is no calibration matrix (positive focal lengths, last row 0 0 1): correct the file")
     return k
 

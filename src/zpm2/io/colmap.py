@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from zpm2.errors import InputError, MissingDependency
+from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.io import colmap_binary as _binary
 from zpm2.io.inputs import text
+from zpm2.io.record import refuse_foreign
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
@@ -35,6 +37,34 @@ def require_pycolmap() -> Any:
     except ImportError as error:
         raise MissingDependency('COLMAP files need pycolmap: pip install "zpm2[colmap]"') from error
     return pycolmap
+
+
+@contextmanager
+def colmap_can(what: str) -> Iterator[None]:
+    """Whatever pycolmap has against doing `what` inside becomes an `InputError` of one line.
+
+    It opens files itself, after our checks, and raises what its parsers and its disk give: `ValueError`, `IndexError`,
+    `RuntimeError`, `MemoryError`.
+    """
+    try:
+        yield
+    except (Zpm2Error, OSError):
+        raise
+    except Exception as error:
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"COLMAP cannot {what}: {said}") from error
+
+
+def open_model(folder: Path) -> Any:
+    """The pycolmap.Reconstruction of a model that a run of ours wrote into its claimed folder.
+
+    pycolmap believes the counts in a model's files, of which seventy bytes take gigabytes: only files are opened that
+    are as they were written (`record.refuse_foreign`). `OutputError` for others, `InputError` for what COLMAP refuses.
+    """
+    for file in sorted(folder.glob("*.bin")):
+        refuse_foreign(file)
+    with colmap_can(f"read the model {folder}: remove the folder and run again"):
+        return require_pycolmap().Reconstruction(str(folder))
 
 
 def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Camera:

@@ -10,6 +10,13 @@ from pathlib import Path
 from zpm2.errors import OutputError
 from zpm2.io import record
 
+_ON_WRITING = {  # what only writing meets, and what to do
+    errno.ENOSPC: "the disk is full; free some space",
+    errno.EDQUOT: "your share of the disk is full; free some space",
+    errno.EROFS: "permission denied, the disk can only be read; give a folder on another one",
+    errno.EFBIG: "a file would be larger than allowed; raise the limit (ulimit -f), or give another disk",
+}
+
 
 def atomic_write(path: str | Path, content: bytes | str) -> Path:
     """Writes `content` (text as UTF-8) so that `path` holds all of it, or what it held before.
@@ -40,6 +47,7 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
         if _same(path, Path(source)):
             raise OutputError(f"output folder {path} is one of the input files: give another folder")
     try:
+        str(path).encode()
         if path.exists() and not path.is_dir():
             raise OutputError(f"output folder {path} is a file: give another folder")
         path.mkdir(parents=True, exist_ok=True)
@@ -47,6 +55,8 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
             file.write(b"\0")
     except OSError as error:
         raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
+    except ValueError as error:  # a NUL, or what no file of text can hold
+        raise OutputError(f"output folder {path} has a name that is not UTF-8: give another folder") from error
     return path
 
 
@@ -75,16 +85,25 @@ def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] =
 
 @contextlib.contextmanager
 def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """A claimed folder for a run. Where the run ends early and left nothing in it, what was made of it goes again."""
+    """A claimed folder for a run, which is the only one in it. Where the run ends early and left nothing in it, what
+    was made of it goes again.
+
+    `OutputError` as from `claim`, where another run is at work in it, and for a disk that takes no more, whoever finds
+    that out.
+    """
     fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
-        yield claim(path, names, inputs)
-    except BaseException:
+        folder = claim(path, names, inputs)
+        with record.alone(folder):
+            yield folder
+    except BaseException as error:
         record.abandon(path)
         record.unmark(path)
         for folder in fresh:
             with contextlib.suppress(OSError):  # not empty
                 folder.rmdir()
+        if isinstance(error, OSError) and error.errno in _ON_WRITING:
+            raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
         raise
 
 
@@ -102,10 +121,10 @@ def _same(a: Path, b: Path) -> bool:
 
 def why(error: OSError, path: Path) -> str:
     """Why `path` could not be written and what to do, for the end of an `OutputError`'s line."""
-    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+    if error.errno in _ON_WRITING:
+        return _ON_WRITING[error.errno]
+    if error.errno in (errno.EACCES, errno.EPERM):
         return "permission denied; give a folder that you may write to"
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "the disk is full; free some space"
     if error.errno == errno.ENAMETOOLONG:
         return "the name is too long; give a shorter one"
     if error.errno in (errno.ENOTDIR, errno.EEXIST):

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
-from zpm2.io import values, vrt
+from zpm2.io import jpeg2000, values, vrt
+from zpm2.reading import regular
 
 CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
@@ -139,6 +140,8 @@ def _driver(path: Path, what: str) -> str:
     """The driver for a file by its first bytes. `Unopened` for other formats."""
     with values.opened_file(path, what) as file:
         head = file.read(HEAD)
+        if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
+            raise Unopened(f"{what} is damaged, its boxes have no end: copy or download it again")
     for driver, signature in SIGNATURES.items():
         if re.match(signature, head, re.DOTALL):
             # drivers that go by a text in it, which GDAL may ask first about a source, see no further than to a zero
@@ -161,8 +164,11 @@ def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]
     name, found = path.name.lower(), []
     for ending in (f"{name}.ovr", f"{name}.msk", f"{name}.aux", f"{path.stem.lower()}.aux"):
         for side in listed[path.parent].get(ending, []):
-            with side.open("rb") as file:
-                head = file.read(HEAD)
+            try:
+                with regular(side).open("rb") as file:
+                    head = file.read(HEAD)
+            except OSError as error:
+                raise InputError(f"{what} has a side file {side}, which cannot be read: remove it") from error
             if ending.endswith(".aux"):
                 if head.startswith(_HFA):
                     raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from zpm2.reading import regular
+
 BLOCK = 2**16  # bytes
 BLOCKS = 64  # of a file that are looked at: all of up to 4 MB
 
@@ -34,7 +36,7 @@ def fingerprint(file: str | Path) -> str:
     """The size of a file and a hash of its content: of all of it up to 4 MB, else of 64 blocks spread over it evenly,
     so that gigabytes cost no time. `OSError` where it cannot be read."""
     digest = hashlib.sha256()
-    with open(file, "rb") as opened:
+    with regular(Path(file)).open("rb") as opened:
         size = opened.seek(0, os.SEEK_END)
         last = max(size - BLOCK, 0)
         count = min(BLOCKS, -(-size // BLOCK))

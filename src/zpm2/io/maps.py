@@ -9,6 +9,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
+from zpm2.io.pictures import DAMAGE
 from zpm2.io.values import check_length, check_memory
 from zpm2.reading import read_array, read_bytes, regular
 
@@ -74,7 +75,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
         found = read(path)
     except FileNotFoundError as error:
         raise InputError(f"map {path} does not exist: check the path, or download it again") from error
-    except (OSError, ValueError, EOFError, SyntaxError, PIL.Image.DecompressionBombError) as error:
+    except (*DAMAGE, PIL.Image.DecompressionBombError) as error:
         raise InputError(f"map {path} is damaged or no {path.suffix} file: copy or download it again") from error
     except MemoryError as error:
         raise InputError(f"map {path} needs more memory than there is: give a smaller one") from error

@@ -52,10 +52,10 @@ def read_mesh(path: Path) -> tuple[Array, Polygons]:
 
 
 def _ply(content: bytes) -> tuple[Array, Polygons]:
-    header = re.match(rb"ply\s.*?\n\s*end_header[ \t]*\r?\n", content, re.DOTALL)
-    if header is None:
+    header = re.search(rb"\n[ \t\r]*end_header[ \t]*\r?\n", content)
+    if header is None or not re.match(rb"ply\s", content):
         raise ValueError("it has no PLY header")
-    form, elements = _header(header[0].decode("latin-1"))
+    form, elements = _header(content[: header.end()].decode("latin-1"))
     buffer, place = content, header.end()
     if form == "ascii":  # as if it were binary, all numbers doubles
         buffer, place = np.array(content[header.end() :].split(), np.float64).tobytes(), 0

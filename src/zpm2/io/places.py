@@ -1,7 +1,7 @@
 """Where the photographs of a saved result are: as seen from its folder, and as an absolute path."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,13 @@ def find(values: Mapping[str, Any], folder: Path) -> str | None:
 def is_content(values: Mapping[str, Any], file: str | Path) -> bool:
     """Whether a file holds what the photograph held that `place` described; true where nobody noted it."""
     return values.get("content") in (None, _content(file))
+
+
+def exchanged(sides: Sequence[Mapping[str, Any]], files: Sequence[str | Path]) -> bool:
+    """Whether each of two files holds what the photograph of the other side held."""
+    contents = [_content(file) for file in files]
+    noted = [side.get("content") for side in sides]
+    return None not in noted and noted[0] != noted[1] and contents == noted[::-1]
 
 
 def _content(file: str | Path) -> str | None:

@@ -17,10 +17,12 @@ from pathlib import Path
 
 from zpm2.errors import OutputError
 from zpm2.io.keys import fingerprint
+from zpm2.io.lock import Taken, locked
 from zpm2.reading import WRONG, parse_json
 
 HIDDEN = ".zpm2"
 RECORD = "made.jsonl"
+LOCK = "lock"  # of the run that is at work
 TILES = f"{HIDDEN}/tiles"  # of an interrupted run
 KEYS = f"{HIDDEN}/keys"  # of finished results
 FORMAT = {"format": "zpm2-folder/1"}
@@ -39,6 +41,23 @@ def mark(folder: Path) -> None:
         _append(hidden / RECORD, FORMAT)
         return
     sweep(_parts(home))
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keeps other runs out of a claimed folder. `OutputError` where one is at work in it; `OSError`."""
+    home = _home(folder / HIDDEN)
+    if home is None:
+        yield
+        return
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(home / HIDDEN / LOCK))
+        except Taken:
+            raise OutputError(
+                f"another run is writing into {folder}: wait until it ends, or give another output folder"
+            ) from None
+        yield
 
 
 def unmark(folder: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from zpm2.errors import ConfigError, InputError
+from zpm2.reading import read_text
 
 ALLOWED = "ZPM2_ALLOW_VRT"  # environment variable: more folders that sources may lie below, as PATH lists them
 
@@ -68,10 +69,11 @@ def sources(path: Path, beside: Path, what: str) -> list[Path]:
 
 def _root(path: Path, what: str) -> ElementTree.Element:
     try:
-        text = path.read_text(encoding="utf-8-sig")  # whatever it declares, as GDAL does
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)  # as UTF-8 whatever it declares, as GDAL does
+    except (OSError, ValueError) as error:
         raise InputError(f"{what} is no VRT in UTF-8: write it again with gdalbuildvrt") from error
-    text = _DECLARATION.sub("", text, count=1)
+    declared = _DECLARATION.match(text)  # at its beginning only: a search takes hours for many spaces
+    text = text[declared.end() :] if declared else text
     if "<!" in text or "<?" in text:  # comments, entities, CDATA: parsers differ in what they make of them
         raise InputError(f"{what} is a VRT with comments or declarations: write it again with gdalbuildvrt")
     try:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from zpm2.errors import Failed, InputError, OutputError
-from zpm2.io.colmap import require_pycolmap, to_pycolmap
+from zpm2.io.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.io.files import claim, why
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.pose.result import PoseResult
@@ -29,10 +29,10 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
     folder = claim(directory, ["database.db", "sparse"])
     cameras = [to_pycolmap(camera, k + 1) for k, camera in enumerate(result.cameras)]
     motion = np.c_[result.pose.rotation, result.translation]
-    model = _model(pycolmap, result, names, cameras, motion)
     try:
-        with scratch(folder) as part:
+        with scratch(folder) as part, colmap_can(f"write into {folder}"):
             _write_database(pycolmap, result, names, cameras, motion, part / "database.db")
+            model = _model(pycolmap, result, names, cameras, motion)
             (part / "model").mkdir()
             model.write_binary(str(part / "model"))
             put(part / "database.db", folder / "database.db")

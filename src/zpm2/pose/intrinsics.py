@@ -119,7 +119,7 @@ def _from_sensor_table(image: str | Path, size: Size) -> Camera | None:
         return None
     try:
         camera = pycolmap.infer_camera_from_image(str(image))
-    except (ValueError, RuntimeError):  # it decodes the pixels too, and does not know all formats that we read
+    except Exception:  # it decodes the pixels too, and raises whatever its libraries do for formats that only we read
         return None
     return centred(camera.mean_focal_length(), size, "exif") if camera.has_prior_focal_length else None
 

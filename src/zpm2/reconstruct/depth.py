@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from zpm2.cloud.stereo import semi_global
 from zpm2.errors import Failed
 from zpm2.geometry import sight_angles
-from zpm2.io.colmap import read_poses, require_pycolmap
+from zpm2.io.colmap import open_model, read_poses
 from zpm2.io.files import atomic_write
 from zpm2.io.images import read_image
+from zpm2.io.record import refuse_foreign
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.rectified import rectify_views
 
@@ -36,9 +37,8 @@ class SparseView:
 
 
 def read_sparse(folder: Path) -> tuple[list[SparseView], Array]:
-    """The views of a COLMAP model, by name, and (n, 3) its points."""
-    pycolmap = require_pycolmap()
-    model = pycolmap.Reconstruction(str(folder))
+    """The views of a COLMAP model, by name, and (n, 3) its points. Errors as from `open_model` and `read_poses`."""
+    model = open_model(folder)
     row = {key: k for k, key in enumerate(model.points3D)}
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     posed = read_poses(folder)
@@ -58,6 +58,8 @@ def write_depth_maps(dense: Path, count: int, tell: Callable[[str, float], None]
         tell("depth", k / len(views))
         files = [dense / "stereo" / kind / f"{view.name}.geometric.bin" for kind in ("depth_maps", "normal_maps")]
         if all(file.is_file() for file in files):
+            for file in files:  # COLMAP believes the sizes in them
+                refuse_foreign(file)
             continue
         depth = _depth(view, views, points, dense / "images", count)
         if isinstance(depth, Failed):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zpm2.errors import InputError
-from zpm2.io.colmap import require_pycolmap, to_pycolmap
+from zpm2.io.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.io.record import made_folder, put, scratch
 from zpm2.model import PosedCamera
 
@@ -27,11 +27,13 @@ def find_structure(
         return model
     pycolmap = require_pycolmap()
     with scratch(workspace) as part:
-        found = _reconstruct(pycolmap, images, names, part, known, ordered)
+        with colmap_can(f"find cameras and points of {images}"):
+            found = _reconstruct(pycolmap, images, names, part, known, ordered)
         if found.num_points3D() < 10:
             raise InputError(f"the photographs in {images} have {found.num_points3D()} points in common: too few")
         (part / "0").mkdir()
-        found.write(str(part / "0"))
+        with colmap_can(f"write the model {model}"):
+            found.write(str(part / "0"))
         made_folder(model.parent)
         return put(part / "0", model)
 

@@ -4,9 +4,9 @@ A step whose file is there and usable is skipped. What a step made is looked at 
 one could do nothing with is not kept.
 """
 
-import itertools
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from zpm2.errors import InputError
-from zpm2.io.colmap import require_pycolmap
+from zpm2.io.colmap import colmap_can, open_model, require_pycolmap
 from zpm2.io.files import atomic_write, claim
-from zpm2.io.inputs import distinct_names
+from zpm2.io.inputs import distinct_names, json_file
 from zpm2.io.keys import code, stamp
 from zpm2.io.meshes import read_mesh
 from zpm2.io.record import made_folder, put, scratch
@@ -27,6 +27,7 @@ from zpm2.reconstruct.structure import find_structure
 
 LEAST = 100  # points that a surface is made of
 RECORD = 27  # bytes of a point in COLMAP's PLY: place and normal as float32, colour
+HEADER = 2000  # bytes, more than that PLY has before its points
 MORE = "give photographs that overlap more, or a larger --max-size, and another folder"
 IMAGES, CLAIM = "images", "reconstruct.json"
 NAMES = (CLAIM, "sparse", "dense", "fused.ply", "mesh.ply")  # beside the photographs
@@ -85,13 +86,14 @@ def reconstruct(
     tell("structure", 0.0)
     model = find_structure(images, names, workspace, known, options.ordered)
     tell("structure", 1.0)
-    registered = pycolmap.Reconstruction(str(model)).num_reg_images()
+    registered = open_model(model).num_reg_images()
     dense = workspace / "dense"
     if not (dense / "sparse" / "cameras.bin").is_file():
         undistort = pycolmap.UndistortCameraOptions()
         undistort.max_image_size = options.max_size
         with scratch(workspace) as part:
-            pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
+            with colmap_can(f"undistort the photographs in {images}"):
+                pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
             made = sum(path.is_file() for path in (part / "dense" / IMAGES).rglob("*"))
             if made < registered:
                 raise InputError(f"COLMAP undistorted {made} of {registered} photographs only: see to {images}")
@@ -131,7 +133,9 @@ def _claim(
     if not file.is_file():
         atomic_write(file, json.dumps(mine, indent=1))
         return
-    theirs = json.loads(file.read_text(encoding="utf-8"))
+    theirs = json_file(file)
+    if not isinstance(theirs, dict):
+        raise InputError(f"{file} is damaged: give another folder")
     differ = [name for name, value in json.loads(json.dumps(mine)).items() if theirs.get(name) != value]
     if differ:
         raise InputError(f"{workspace} is a reconstruction with other {' and '.join(differ)}: give another folder")
@@ -170,7 +174,8 @@ def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, fl
     if not pycolmap.has_cuda:
         return write_depth_maps(dense, options.neighbors, tell)
     tell("depth", 0.0)
-    pycolmap.patch_match_stereo(dense)
+    with colmap_can(f"compute depth in {dense}"):
+        pycolmap.patch_match_stereo(dense)
     tell("depth", 1.0)
     return []
 
@@ -183,7 +188,8 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
         options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
     with scratch(fused.parent) as part:
         made = part / fused.name
-        pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
+        with colmap_can(f"fuse the depth maps in {dense}"):
+            pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
         points = _points(made)
         if points < LEAST:
             raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {MORE}")
@@ -196,7 +202,8 @@ def _mesh(pycolmap: Any, fused: Path, mesh: Path, options: Options) -> None:
     meshing.num_threads = 1  # more add up in another order each time
     with scratch(mesh.parent) as part:
         made = part / mesh.name
-        pycolmap.poisson_meshing(fused, made, meshing)
+        with colmap_can(f"make a surface of {fused}"):
+            pycolmap.poisson_meshing(fused, made, meshing)
         if not _has_faces(made):
             points = _points(fused)
             raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {MORE}")
@@ -208,11 +215,9 @@ def _points(fused: Path) -> int:
     if not fused.is_file():
         return 0
     with fused.open("rb") as file:
-        for line in itertools.islice(file, 30):
-            if line.startswith(b"element vertex"):
-                number = int(line.split()[2])
-                return number if fused.stat().st_size > number * RECORD else 0
-    return 0
+        found = re.search(rb"^element vertex (\d{1,18})$", file.read(HEADER), re.MULTILINE)
+    number = int(found[1]) if found is not None else 0
+    return number if fused.stat().st_size > number * RECORD else 0
 
 
 def _has_faces(mesh: Path) -> bool:

@@ -58,9 +58,7 @@ class TiledMatcher:
             if not tiles:
                 return match_whole(self._whole, sources, self.config)
             least = _least_areas(sources, self.config)
-            run = Run(
-                self.config, sources, least, self._whole, self._points, self.progress, self.say, self.kept, said
-            )
+            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.say, self.kept, said)
             return run.result().with_gis_messages()
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from zpm2.errors import WeightsError
+from zpm2.reading import read_json
 from zpm2.weights.manifest import entry
 from zpm2.weights.store import cache_dir, sha256_of, writing
 
@@ -53,7 +54,7 @@ def converted(name: str, key: str, convert: Callable[[Path], None]) -> Path:
 def _flaw(folder: Path) -> str | None:
     """In what a folder is not what a conversion left, or None."""
     try:
-        listed = json.loads((folder / LIST).read_text(encoding="utf-8"))
+        listed = read_json(folder / LIST)
         if not listed or not isinstance(listed, dict):
             return f"has a damaged {LIST}"
         there = _files(folder)
@@ -63,7 +64,7 @@ def _flaw(folder: Path) -> str | None:
         return f"has no {LIST}"
     except OSError as error:
         return f"cannot be read ({error.strerror or error})"
-    except (ValueError, RecursionError):
+    except ValueError:
         return f"has a damaged {LIST}"
     wrong = [name for name, values in listed.items() if there.get(name) != values]
     return f"has a missing or damaged file {wrong[0]}" if wrong else None

@@ -38,10 +38,13 @@ def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
     path = root / f"{split or 'pairs'}.csv"
     table = csv.DictReader(io.StringIO(text(path), newline=""), skipinitialspace=True)
     known = ("left", "right", "disparity", "scale", "sign", "name")
-    columns = table.fieldnames or ()
+    try:
+        columns, rows = table.fieldnames or (), [(table.line_num, row) for row in table]
+    except csv.Error as error:  # a cell without end, most of all
+        raise InputError(f"{path} is no table of pairs, line {table.line_num}: {error}") from error
     if not {"left", "right"} <= set(columns) or not set(columns) <= set(known):
         raise InputError(f"{path} has the columns {','.join(columns)}: write left,right[,disparity,scale,sign,name]")
-    return found((_row(root, row, f"{path} line {table.line_num}") for row in table), f"rows in {path}")
+    return found((_row(root, row, f"{path} line {number}") for number, row in rows), f"rows in {path}")
 
 
 def _entry(root: Path, entry: dict[str, Any], what: str) -> EvalPair:

@@ -1,0 +1,30 @@
+"""The boxes of a JPEG 2000 file (ISO/IEC 15444-1, annex I), looked at before GDAL walks from one to the next."""
+
+import struct
+from typing import BinaryIO
+
+HOLDING = (b"jp2h", b"res ", b"asoc", b"uinf")  # kinds of boxes that hold boxes
+MOST = 100_000  # boxes
+
+
+def endless(file: BinaryIO) -> bool:
+    """Whether a box inside another one is said to reach to the end of the file, which only the last box of all may do:
+    GDAL reads it again and again. So is a file of more than `MOST` boxes."""
+    unread, seen = [(0, file.seek(0, 2), True)], 0
+    while unread:
+        place, end, outermost = unread.pop()
+        while place + 8 <= end:
+            file.seek(place)
+            length, kind = struct.unpack(">I4s", file.read(8))
+            head = 8
+            if length == 1 and place + 16 <= end:
+                length, head = *struct.unpack(">Q", file.read(8)), 16
+            seen += 1
+            if (length == 0 and not outermost) or seen > MOST:
+                return True
+            if length < head:  # the last one, or no box any more
+                break
+            if kind in HOLDING:
+                unread.append((place + head, min(place + length, end), False))
+            place += length
+    return False

@@ -1,0 +1,58 @@
+"""Each number of the configuration at both ends of what is allowed: refused before the work, or worked with in time."""
+
+import signal
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from rendered import Pair, save_pair
+
+from zpm2.config import LARGEST, MOST, SHARES, Config, assign, describe, preset
+from zpm2.demo.scene import render_scene
+from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.model import Camera
+from zpm2.pipeline import PolygonMatcher
+from zpm2.pose import PoseFinder
+
+SECONDS = 20
+NETWORKS = ("segment.", "guided.", "raster.", "tiles.", "cloud.")  # need weights, rasters or a mesh: tests of their own
+NUMBERS = [name for name, kind, *_ in describe(Config()) if kind in ("int", "float") and not name.startswith(NETWORKS)]
+QUICK = ["points.methods=sift", "device=cpu", "pose.crops=off"]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    return save_pair(render_scene(0, 160, 120), tmp_path_factory.mktemp("small"))
+
+
+@pytest.fixture(autouse=True)
+def in_time() -> Iterator[None]:
+    def late(*_: object) -> None:
+        raise AssertionError(f"it takes more than {SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("end", ["least", "most"])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_an_option_at_its_end(name: str, end: str, small: Pair) -> None:
+    value = 0 if end == "least" else 1 if name in SHARES else MOST.get(name, LARGEST)
+    try:
+        config = assign(preset("default"), [*QUICK, f"{name}={value}"])
+        config.check_together()
+    except ConfigError:
+        return
+    regions = PrecomputedSegmenter(small.left_regions), PrecomputedSegmenter(small.right_regions)
+    try:
+        result = PolygonMatcher(config, segmenter=regions)(small.left, small.right)
+    except (ConfigError, InputError):
+        return
+    scene = small.scene
+    camera = Camera(np.array([[scene.f, 0, scene.cx], [0, scene.f, scene.cy], [0, 0, 1.0]]), (160, 120))
+    found = PoseFinder(config)(result, (camera, camera))
+    assert isinstance(found.pose, Failed) or np.isfinite(found.pose.rotation).all()
