@@ -157,8 +157,9 @@ def scratch(folder: Path) -> Iterator[Path]:
 def abandon(folder: Path) -> None:
     """Removes what this process had on its way into a claimed folder, where an interrupt came while `scratch` cleaned
     up."""
-    for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
-        _remove(part)
+    with contextlib.suppress(OSError):  # no such folder, or none of that name can be
+        for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
+            _remove(part)
 
 
 def sweep(folder: Path) -> None:
