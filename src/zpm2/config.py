@@ -437,8 +437,8 @@ SHARES = (
 # Bytes that a process which matches one pair takes at its peak, each rounded up (`zpm2.estimate`). Measured as the
 # largest resident set of fresh processes of `zpm2 match --tiles off`, Linux, two cores, OpenVINO, the scene of `zpm2
 # demo` enlarged. Of photographs of 1, 4, 12 and 25 megapixels each, in MiB: preset default 1775, 1833, 2019, 2449;
-# preset paper 1474, 1488, 1588, 2115; and of 100 megapixels with a fourth of its prompts 4125. Masks of regions take
-# what their boxes cover, so that photographs with many large ones take more: 200 megapixels, paper, took 20.7 GB.
+# preset paper 1474, 1488, 1588, 2115; and of 100 megapixels with a fourth of its prompts 4125. Scenes differ in the
+# number of large regions: one pair of 200 megapixels, preset paper, was reported to take 20.7 GB, which "full" allows for.
 MEMORY = {
     "program": 0.6e9,  # what is loaded before any network, and the result
     "pixel": 25.0,  # for each pixel of both photographs
