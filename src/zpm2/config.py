@@ -438,7 +438,7 @@ SHARES = (
 # largest resident set of fresh processes of `zpm2 match --tiles off`, Linux, two cores, OpenVINO, the scene of `zpm2
 # demo` enlarged. Of photographs of 1, 4, 12 and 25 megapixels each, in MiB: preset default 1775, 1833, 2019, 2449;
 # preset paper 1474, 1488, 1588, 2115; and of 100 megapixels with a fourth of its prompts 4125. Scenes differ in the
-# number of large regions: one pair of 200 megapixels, preset paper, was reported to take 20.7 GB, which "full" allows for.
+# number of large regions: "full" allows for a pair of 200 megapixels that was reported to take 20.7 GB (preset paper).
 MEMORY = {
     "program": 0.6e9,  # what is loaded before any network, and the result
     "pixel": 25.0,  # for each pixel of both photographs
