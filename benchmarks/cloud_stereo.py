@@ -22,16 +22,18 @@ import numpy as np
 from match_pairs import environment
 
 from zpm2.cloud import MatchedPair, PolygonCloud, View, build, fill_holes, open_caster
-from zpm2.cloud.stereo import Rig, disparity_mesh, disparity_range, rig_of, semi_global
+from zpm2.cloud.disparity_mesh import disparity_mesh
 from zpm2.cloud.trial import faults
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.evaluate.datasets.pair_list import from_json
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
-from zpm2.io.images import read_image
-from zpm2.io.maps import read_disparity
+from zpm2.formats.maps import read_disparity
 from zpm2.model import Camera
+from zpm2.photos.images import read_image
 from zpm2.result import MatchResult
+from zpm2.stereo.dense import disparity_range, semi_global
+from zpm2.stereo.rig import Rig, rig_of
 
 MODES = ("scale", "surface")
 COLUMNS = ("pair", "diffusion", "matches", "accepted", "patches", "coverage", "px", "above_1", "distance", "naive", "s")

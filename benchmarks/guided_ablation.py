@@ -25,9 +25,9 @@ from match_pairs import environment, score, totals
 from numpy.typing import NDArray
 
 from zpm2 import PolygonMatcher, config
-from zpm2.detect.sam import SamSegmenter
-from zpm2.detect.sam_backend import TorchBackend, load_sam
 from zpm2.result import MatchResult
+from zpm2.segment.sam import SamSegmenter
+from zpm2.segment.sam_backend import TorchBackend, load_sam
 
 
 class Published(TorchBackend):

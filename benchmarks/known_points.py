@@ -8,8 +8,8 @@ import numpy as np
 from zpm2 import config, features
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.io.images import read_image
 from zpm2.model import PointMatches
+from zpm2.photos.images import read_image
 from zpm2.pipeline import on_data
 
 Size = tuple[int, int]  # width, height, px

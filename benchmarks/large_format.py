@@ -45,9 +45,9 @@ from numpy.typing import NDArray
 from zpm2 import MatchResult, config
 from zpm2.config import Config
 from zpm2.evaluate.report import table
-from zpm2.geometry import mended
-from zpm2.io.source import Source, opened
 from zpm2.model import Polygon, PolygonArrays
+from zpm2.photos.source import Source, opened
+from zpm2.polygons.repair import mended
 from zpm2.tiled import TiledMatcher, blocks
 from zpm2.tiled.cells import carried_over, cells
 from zpm2.view.contact import Crop, contact_sheet, crop_window

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from zpm2 import geometry
 from zpm2.config import Config, assign, preset
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.io import geojson
-from zpm2.io.source import opened
+from zpm2.formats import geojson
 from zpm2.model import Polygon, PolygonArrays
+from zpm2.photos.source import opened
 from zpm2.result import MatchResult
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher
 from zpm2.tiled.blocks import match_blocks
 from zpm2.tiled.cells import carried_over, cells

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from zpm2 import PolygonMatcher, config
-from zpm2.detect.precomputed import PrecomputedSegmenter
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 FIGURES = ("MAS", "P", "R", "CCR", "CCR5")
 

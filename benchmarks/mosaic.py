@@ -19,8 +19,8 @@ import rasterio.errors
 import rasterio.windows
 from numpy.typing import NDArray
 
-from zpm2.io.images import read_image
-from zpm2.io.source import open_source
+from zpm2.photos.images import read_image
+from zpm2.photos.source import open_source
 
 BLOCK = 256  # px, side of the blocks of the file
 CORNER = 500_000.0, 5_000_000.0  # m, upper left corner where a CRS is asked for

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from zpm2 import config
-from zpm2.methods import own_regions
+from zpm2.api import own_regions
 from zpm2.tiled import TiledMatcher
 
 BUSY = "while True: sum(k * k for k in range(10**6))"

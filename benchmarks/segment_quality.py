@@ -17,9 +17,9 @@ import numpy as np
 from match_pairs import environment
 
 from zpm2.config import SegmentConfig
-from zpm2.detect.everything import everything
-from zpm2.detect.sam import SamSegmenter
-from zpm2.io.images import read_image
+from zpm2.photos.images import read_image
+from zpm2.segment.automatic import everything
+from zpm2.segment.sam import SamSegmenter
 
 LEVELS = ("full", "balanced", "fast")
 

@@ -23,8 +23,8 @@ import numpy as np
 import torch
 from match_pairs import environment
 
-from zpm2.detect import sam_network
-from zpm2.detect.sam_backend import OpenVinoBackend, TorchBackend, load_sam
+from zpm2.segment import sam_network
+from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend, load_sam
 
 PROMPTS = 16
 

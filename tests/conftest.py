@@ -11,8 +11,8 @@ import pytest
 from hypothesis import settings
 from rendered import Outcome, Pair, Run, save_pair
 
-from zpm2 import cli
-from zpm2.demo import render_scene
+from zpm2.cli import app
+from zpm2.evaluate.rendered import render_scene
 
 # Time is no property of a result: machines are shared. In CI the examples are the same each time.
 settings.register_profile("zpm2", deadline=None, derandomize=bool(os.environ.get("CI")))
@@ -37,7 +37,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         monkeypatch.setattr("sys.argv", ["zpm2", *map(str, arguments)])
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
-            cli.main()
+            app.main()
         assert isinstance(left.value.code, int)
         return Outcome(left.value.code, *capsys.readouterr())
 

@@ -7,9 +7,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.detect.answers import CORNER, LOW, Answers, Floor, Prompts
-from zpm2.detect.sam import SamView, decoded_size, upsample
 from zpm2.model import Image, Mask
+from zpm2.segment.predictions import CORNER, LOW, Answers, Floor, Prompts
+from zpm2.segment.sam import SamView, decoded_size, upsample
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2.demo import Scene
+from zpm2.evaluate.rendered import Scene
 
 CELL = 60  # px, side of the squares that regions are cut at
 STEP = 4.0  # px of disparity, likewise

@@ -16,9 +16,9 @@ import shapely
 from rendered import Pair, Run
 
 import zpm2
-from zpm2 import cli
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.vectorize import rasterize
+from zpm2.cli import app
+from zpm2.polygons.rasterize import rasterize
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
@@ -37,7 +37,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
         arguments = ["zpm2", "match", str(pair.left), str(pair.right), "-o", str(out), *pair.regions]
         patch.setattr("sys.argv", arguments)
         with pytest.raises(SystemExit) as end:
-            zpm2.cli.main()
+            zpm2.cli.app.main()
         assert end.value.code == 0
     return out
 
@@ -237,7 +237,7 @@ def test_same_seed_same_bytes(run: Run, pair: Pair, tmp_path: Path) -> None:
 def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`zpm2 demo` with the small scene and its own regions; the command line options for it."""
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    monkeypatch.setattr("zpm2.demo.render_scene", lambda seed: pair.scene)
+    monkeypatch.setattr("zpm2.evaluate.rendered.render_scene", lambda seed: pair.scene)
     monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
     return ["--set", "points.methods=sift", "--device", "cpu"]
 
@@ -342,7 +342,7 @@ def test_sigterm_ends_a_run_as_an_interrupt_does(
 def test_without_a_terminal_a_long_run_says_how_far_it_is(
     run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.console.EVERY", 0.02)
+    monkeypatch.setattr("zpm2.cli.console.EVERY", 0.02)
     arguments = ["match", pair.left, pair.right, "-o", tmp_path, *pair.regions]
     said = run(*arguments).err.splitlines()
     assert any(re.fullmatch(r"points: \d+%, \d+ s", line) for line in said)
@@ -371,7 +371,7 @@ def test_the_output_folder_has_a_usual_name(
 
 def test_commands_come_in_the_order_of_use(run: Run) -> None:
     listed = run("--help").out.partition("Commands:")[2]
-    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == list(cli.ORDER)
+    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == list(app.ORDER)
 
 
 def test_options_come_in_groups(run: Run) -> None:
@@ -501,7 +501,7 @@ def test_options_are_refused_before_any_work(
     def load(*_: object) -> None:
         raise AssertionError("networks were loaded")
 
-    monkeypatch.setattr("zpm2.regions.RegionStages.load", load)
+    monkeypatch.setattr("zpm2.guided.regions.RegionStages.load", load)
     monkeypatch.chdir(tmp_path)
     for k, path in enumerate((pair.left, pair.right)):
         (tmp_path / f"{k}.png").write_bytes(path.read_bytes())

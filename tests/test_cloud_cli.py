@@ -9,14 +9,15 @@ import pytest
 from rendered import Pair, Run
 from scipy.spatial.transform import Rotation
 
+from zpm2.cli.cloud import _asked
+from zpm2.cloud.disparity_mesh import disparity_mesh
 from zpm2.cloud.export import write_surface
-from zpm2.cloud.stereo import Rig, disparity_mesh
-from zpm2.cloud_cli import _asked
 from zpm2.config import assign, preset
-from zpm2.io import claim
-from zpm2.io.keys import key
-from zpm2.io.record import keep, made_folder
+from zpm2.files.keys import key
+from zpm2.files.record import keep, made_folder
+from zpm2.formats import claim
 from zpm2.model import Camera
+from zpm2.stereo.rig import Rig
 
 pytest.importorskip("trimesh")
 SIFT = ("--set", "points.methods=sift", "--device", "cpu")
@@ -38,8 +39,8 @@ def rig(pair: Pair) -> Rig:
 @pytest.fixture(scope="module")
 def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from zpm2 import config
-    from zpm2.detect.precomputed import PrecomputedSegmenter
     from zpm2.pipeline import PolygonMatcher
+    from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     chosen = config.assign(config.preset("default"), ["points.methods=sift", "device=cpu"])
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from zpm2.console import Interrupted, fresh_folder, lines, one_of
-from zpm2.io.files import atomic_write
-from zpm2.io.record import made_folder
+from zpm2.cli.console import Interrupted, fresh_folder, lines, one_of
+from zpm2.files.record import made_folder
+from zpm2.files.writing import atomic_write
 
 
 def stopped(*places: object) -> str:
@@ -57,7 +57,7 @@ def test_other_ends_leave_no_empty_folder(tmp_path: Path) -> None:
 def test_lines_come_now_and_then_and_stop_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     heard = io.StringIO()
     monkeypatch.setattr(sys, "stderr", heard)
-    monkeypatch.setattr("zpm2.console.EVERY", 0.05)
+    monkeypatch.setattr("zpm2.cli.console.EVERY", 0.05)
     with lines() as progress:
         for k in range(200):  # as often as it likes
             progress("tiles", k / 200)

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.demo import Scene, render_scene, score
-from zpm2.demo.scene import BASELINE, EYE, GAIN, PITCH
-from zpm2.demo.still_life import WALL
-from zpm2.demo.surfaces import Ball, Frustum, Patch, box
 from zpm2.errors import InputError
 from zpm2.evaluate.ground_truth import from_disparity
+from zpm2.evaluate.rendered import Scene, render_scene, score
+from zpm2.evaluate.rendered.scene import BASELINE, EYE, GAIN, PITCH
+from zpm2.evaluate.rendered.still_life import WALL
+from zpm2.evaluate.rendered.surfaces import Ball, Frustum, Patch, box
 from zpm2.model import Polygon, PolygonMatch
 
 BLANK = np.zeros((4, 4, 3), np.uint8)

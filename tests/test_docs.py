@@ -16,7 +16,7 @@ from rendered import Pair, Run
 
 import zpm2
 from zpm2 import config
-from zpm2.detect import sam_backend
+from zpm2.segment import sam_backend
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -76,7 +76,7 @@ def networks() -> Iterator[None]:
         return opened[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("zpm2.detect.sam.open_backend", once)
+        patch.setattr("zpm2.segment.sam.open_backend", once)
         yield
 
 

@@ -8,7 +8,7 @@ from rendered import Pair, Run
 
 from zpm2 import MatchResult, PolygonMatcher
 from zpm2.config import assign, preset
-from zpm2.demo import score
+from zpm2.evaluate.rendered import score
 
 pytestmark = pytest.mark.weights
 

@@ -8,12 +8,12 @@ import pytest
 from rendered import Pair, save_pair
 
 from zpm2.config import LARGEST, MOST, SHARES, Config, assign, describe, preset
-from zpm2.demo.scene import render_scene
-from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.evaluate.rendered.scene import render_scene
 from zpm2.model import Camera
 from zpm2.pipeline import PolygonMatcher
 from zpm2.pose import PoseFinder
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 SECONDS = 20
 NETWORKS = ("segment.", "guided.", "raster.", "tiles.", "cloud.")  # need weights, rasters or a mesh: tests of their own

@@ -9,9 +9,9 @@ import pytest
 from rendered import Pair, Run
 
 from zpm2.config import assign, preset
-from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.reconstruct import Options
 from zpm2.result import MatchResult
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher
 
 MATCH = ["matches.json", "left.geojson", "right.geojson", "overlay.png", "unmatched.png"]
@@ -80,7 +80,7 @@ def command(
         return "match", ("match", *both, *pair.regions, *formats)
     if request.param == "demo":
         own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-        monkeypatch.setattr("zpm2.demo.render_scene", lambda seed: pair.scene)
+        monkeypatch.setattr("zpm2.evaluate.rendered.render_scene", lambda seed: pair.scene)
         monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
         return "demo", ("demo", *quick)
     if request.param == "pose":

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from zpm2 import geometry
 from zpm2.errors import Failed
+from zpm2.polygons.repair import largest, mended, polygons_in
 
 K = np.array([[800.0, 0, 320], [0, 790, 240], [0, 0, 1]])
 seeds = st.integers(0, 10**6)
@@ -272,7 +273,7 @@ def test_eight_points_fit_exact_ones(seed: int) -> None:
 )
 def test_a_crossed_ring_keeps_its_larger_piece(ring: list[tuple[int, int]], area: float) -> None:
     for way in (ring, ring[::-1]):
-        found = geometry.mended(shapely.Polygon(way))
+        found = mended(shapely.Polygon(way))
         assert found.is_valid
         assert found.area == pytest.approx(area, abs=1e-3)
 
@@ -281,11 +282,11 @@ def test_a_crossed_ring_keeps_its_larger_piece(ring: list[tuple[int, int]], area
 @settings(max_examples=200, deadline=None)
 def test_any_ring_becomes_a_valid_polygon_of_what_it_encloses(ring: list[tuple[int, int]]) -> None:
     shape = shapely.Polygon(ring)
-    found = geometry.mended(shape)
+    found = mended(shape)
     assert found.geom_type == "Polygon"
     assert found.is_valid
     for way in (shapely.make_valid(shape), shape.buffer(0)):
-        assert found.area >= max((piece.area for piece in geometry.polygons_in(way)), default=0.0)
+        assert found.area >= max((piece.area for piece in polygons_in(way)), default=0.0)
     assert found.difference(shape.convex_hull.buffer(1e-9)).area == 0
 
 
@@ -293,6 +294,6 @@ def test_polygons_of_collections_of_collections() -> None:
     box = shapely.box(0, 0, 3, 3)
     inner = shapely.MultiPolygon([box, shapely.box(5, 5, 6, 6)])
     both = shapely.GeometryCollection([shapely.Point(0, 0), inner, shapely.LineString([(0, 0), (1, 1)])])
-    assert [part.area for part in geometry.polygons_in(both)] == [9, 1]
-    assert geometry.largest(both).equals(box)
-    assert geometry.largest(shapely.Point(0, 0)).is_empty
+    assert [part.area for part in polygons_in(both)] == [9, 1]
+    assert largest(both).equals(box)
+    assert largest(shapely.Point(0, 0)).is_empty

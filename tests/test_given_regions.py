@@ -9,8 +9,8 @@ import pytest
 from rendered import Pair, Run
 
 from zpm2 import MatchResult
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.io.images import read_image
+from zpm2.photos.images import read_image
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 pyogrio = pytest.importorskip("pyogrio", reason="extra geo is not installed")
 

@@ -1,6 +1,6 @@
 import pytest
 
-from zpm2.messages import Note, about, split
+from zpm2.model.messages import Note, about, split
 
 
 def test_a_message_is_a_warning_unless_it_is_a_note() -> None:

@@ -8,7 +8,7 @@ import pytest
 from rendered import Pair
 
 import zpm2
-from zpm2 import cli
+from zpm2.cli import app
 from zpm2.config import OPTIONS
 from zpm2.errors import ConfigError
 
@@ -20,7 +20,7 @@ def regions(pair: Pair) -> dict[str, Any]:
 
 
 def test_match_takes_every_option_of_the_command() -> None:
-    ours, theirs = (set(inspect.signature(f).parameters) for f in (zpm2.match, cli.match_command))
+    ours, theirs = (set(inspect.signature(f).parameters) for f in (zpm2.match, app.match_command))
     assert ours - {"config"} == theirs - COMMAND_ONLY
     assert set(OPTIONS) - {"estimator"} <= ours
 

@@ -82,7 +82,7 @@ def test_a_result_that_is_saved_from_another_working_directory(
     project: Path, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from zpm2 import PolygonMatcher, config
-    from zpm2.detect.precomputed import PrecomputedSegmenter
+    from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     chosen = config.assign(config.preset("default"), ["points.methods=sift", "device=cpu"])
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)

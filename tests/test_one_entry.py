@@ -11,10 +11,10 @@ import shapely
 from rendered import Pair, Run
 
 from zpm2.config import assign, preset
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.io import read_image
+from zpm2.formats import read_image
 from zpm2.model import Image, Mask
 from zpm2.result import MatchResult
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher
 
 rasterio = pytest.importorskip("rasterio")

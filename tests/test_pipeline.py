@@ -15,11 +15,11 @@ from rendered import Pair, photograph
 import zpm2
 from zpm2 import MatchResult, PolygonMatcher
 from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
-from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Image, Mask, PointMatches
 from zpm2.pipeline import on_data
-from zpm2.regions import resolve_device
+from zpm2.runtime import resolve_device
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 SIFT = Config(points=PointsConfig(methods=("sift",)), device="cpu")
 
@@ -143,7 +143,7 @@ def test_match_is_one_call(pair: Pair, result: MatchResult, monkeypatch: pytest.
         def polygons(self, image: Image) -> list[zpm2.Polygon]:
             return self.sources.pop(0).polygons(image)
 
-    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
     found = zpm2.match(pair.left, pair.right, config=SIFT)
     assert isinstance(found, MatchResult)
     assert content(found) == content(result) | {"warnings": content(found)["warnings"]}
@@ -164,7 +164,7 @@ def test_models_are_loaded_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> 
         loads.append("points")
         return Given(grid_points(-5))
 
-    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
     monkeypatch.setattr("zpm2.features.create", create)
     matcher = PolygonMatcher("paper")
     assert loads == []
@@ -200,7 +200,7 @@ def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.Monke
                 self.progress(share)
             return super().segment(image)
 
-    monkeypatch.setattr("zpm2.detect.sam.SamSegmenter", Sam)
+    monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
     told: list[tuple[str, float]] = []
     matcher = PolygonMatcher(SIFT, progress=lambda stage, share: told.append((stage, share)))
     for _ in range(2):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.sampling import bilinear, pyramid
+from zpm2.photos.sampling import bilinear, pyramid
 
 
 def blob(height, width, at, sigma):

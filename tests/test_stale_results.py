@@ -14,10 +14,10 @@ from rendered import Outcome, Pair, Run
 
 from zpm2 import MatchResult
 from zpm2.config import assign, preset
-from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.evaluate import predictions
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher
 
 QUICK = ("--set", "points.methods=sift", "--device", "cpu")
@@ -77,7 +77,7 @@ def test_pairs_of_a_cloud(
     assert [asked(), asked()] == [1, 0]
     assert [asked("--seed", 5), asked("--seed", 5), asked()] == [1, 0, 1]
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.io.keys.code", lambda: "other")
+        patch.setattr("zpm2.files.keys.code", lambda: "other")
         assert [asked(), asked()] == [1, 0]
 
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from rendered import Pair
 
-from zpm2 import PolygonMatcher, TiledMatcher, Zpm2Error, turns
+from zpm2 import PolygonMatcher, TiledMatcher, Zpm2Error, runtime
 from zpm2.baselines import BaselineMatcher
 from zpm2.config import Config, PointsConfig, SegmentConfig, TilesConfig
-from zpm2.detect.answers import Floor, Prompts
-from zpm2.detect.sam import SamSegmenter
 from zpm2.errors import ForkError
 from zpm2.features import create
 from zpm2.model import Image, Mask
-from zpm2.turns import Turns
+from zpm2.runtime import Turns
+from zpm2.segment.predictions import Floor, Prompts
+from zpm2.segment.sam import SamSegmenter
 
 SIFT = PointsConfig(methods=("sift",))
 CONFIG = Config(points=SIFT, device="cpu")
@@ -145,8 +145,8 @@ def in_child(action: Callable[[], object]) -> str:
 @pytest.fixture
 def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """This process has networks, and has not later."""
-    monkeypatch.setattr(turns, "_loaded_in", None)
-    turns.networks_loaded()
+    monkeypatch.setattr(runtime, "_loaded_in", None)
+    runtime.networks_loaded()
 
 
 @needs_fork
@@ -160,7 +160,7 @@ def test_a_forked_child_is_told_at_once(kind: str, pair: Pair, loaded: None) -> 
 @pytest.mark.parametrize(
     "action",
     [
-        turns.networks_loaded,
+        runtime.networks_loaded,
         lambda: create(SIFT).match(Image(np.zeros((64, 64, 3), np.uint8)), Image(np.zeros((64, 64, 3), np.uint8))),
         lambda: create(SIFT).match_many([]),
         lambda: SamSegmenter(SegmentConfig()).load(),
@@ -175,13 +175,13 @@ def test_so_are_its_parts(action: Callable[[], object], loaded: None) -> None:
 
 @needs_fork
 def test_a_child_forked_before_networks_were_loaded_may(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(turns, "_loaded_in", None)
-    assert in_child(turns.networks_loaded) == "done"
+    monkeypatch.setattr(runtime, "_loaded_in", None)
+    assert in_child(runtime.networks_loaded) == "done"
 
 
 @needs_fork
 def test_a_child_does_not_wait_for_a_thread_that_it_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(turns, "_loaded_in", None)
+    monkeypatch.setattr(runtime, "_loaded_in", None)
     one, inside, leave = Turns(), threading.Event(), threading.Event()
 
     def hold() -> None:

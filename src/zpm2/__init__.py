@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from zpm2._version import __version__
 
 if TYPE_CHECKING:
+    from zpm2.api import match
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
-    from zpm2.methods import match
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
@@ -44,7 +44,7 @@ _HOME = {
     "PolygonMatcher": "zpm2.pipeline",
     "TiledMatcher": "zpm2.tiled",
     "Zpm2Error": "zpm2.errors",
-    "match": "zpm2.methods",
+    "match": "zpm2.api",
     "preset": "zpm2.config",
 }
 

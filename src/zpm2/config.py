@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from zpm2 import memory
 from zpm2.errors import ConfigError
-from zpm2.reading import read_json, read_toml
+from zpm2.files.reading import read_json, read_toml
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed
@@ -190,29 +189,6 @@ def cross_matrix(vector: Array) -> Array:
     """(3, 3) [v]x: its product with w is the cross product of v (3,) and w."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def polygons_in(geometry: shapely.Geometry) -> list[shapely.Polygon]:
-    """The polygons with an area of any geometry, whatever it collects."""
-    flat = shapely.get_parts(shapely.get_parts(geometry))  # twice: a collection may hold a MultiPolygon
-    return [part for part in flat if part.geom_type == "Polygon" and part.area > 0]
-
-
-def largest(geometry: shapely.Geometry) -> shapely.Polygon:
-    """The largest polygon of any geometry; empty where it has none."""
-    return max(polygons_in(geometry), key=lambda part: part.area, default=shapely.Polygon())
-
-
-def mended(shape: shapely.Polygon) -> shapely.Polygon:
-    """A polygon whose rings may cross as a valid one: the largest piece of what they enclose.
-
-    Of two ways to read crossed rings the one that loses less: `buffer(0)` goes by the sense in which rings turn and
-    drops lobes that turn against the rest, `make_valid` takes what is enclosed twice for outside.
-    """
-    if shape.is_valid:
-        return shape
-    ways = [largest(shapely.make_valid(shape)), largest(shapely.buffer(shape, 0))]
-    return max(ways, key=lambda way: way.area)
 
 
 def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:

@@ -12,21 +12,22 @@ import numpy as np
 from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
-from zpm2.detect.protocol import Segmenter
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher, check_methods
 from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
 from zpm2.global_match.chance import MIRRORED
-from zpm2.io.images import read_image
-from zpm2.io.source import ImageLike
+from zpm2.guided.regions import Detected, RegionStages, no_matches
 from zpm2.local_match import match_polygons
-from zpm2.local_match.carry import Carried, backwards, carry, forwards
 from zpm2.local_match.confidence import unsupported
 from zpm2.local_match.unmatched import reasons, visible
-from zpm2.messages import Note, split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
-from zpm2.regions import Clock, Detected, Progress, RegionStages, no_matches, resolve_device
+from zpm2.model.messages import Note, split
+from zpm2.photos.images import read_image
+from zpm2.photos.source import ImageLike
+from zpm2.polygons.warp import Carried, backwards, carry, forwards
 from zpm2.result import MatchResult
+from zpm2.runtime import Clock, Progress, resolve_device
+from zpm2.segment.protocol import Segmenter
 
 
 class PolygonMatcher:
@@ -67,7 +68,7 @@ class PolygonMatcher:
         geometry, `warnings`.
 
         Threads may share a matcher: it takes their pairs one after the other. `ForkError` in a process that was forked
-        from one that had loaded networks (`zpm2.turns`).
+        from one that had loaded networks (`zpm2.runtime`).
         """
         with self.turns, memory.within(self.config.max_memory):
             return self._call(left, right)

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from zpm2._version import __version__
 from zpm2.config import Config
-from zpm2.detect.vectorize import rasterize
 from zpm2.errors import Failed, InputError
-from zpm2.io import geojson, gis
-from zpm2.io.coco import coco
-from zpm2.io.document import (
+from zpm2.files.places import find, place
+from zpm2.files.reading import WRONG, read_json
+from zpm2.files.writing import atomic_write, claim
+from zpm2.formats import geojson, gis
+from zpm2.formats.coco import coco
+from zpm2.formats.document import (
     match_from_dict,
     match_to_dict,
     matrix_from_list,
@@ -32,17 +34,15 @@ from zpm2.io.document import (
     side_from_dict,
     side_to_dict,
 )
-from zpm2.io.files import atomic_write, claim
-from zpm2.io.layer import Layer, feature_collection
-from zpm2.io.places import find, place
-from zpm2.io.source import Held, Source, open_source, reduced
+from zpm2.formats.layer import Layer, feature_collection
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
-from zpm2.messages import split
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side, counterparts
 from zpm2.model.brief import brief
-from zpm2.reading import WRONG, read_json
+from zpm2.model.messages import split
+from zpm2.photos.source import Held, Source, open_source, reduced
+from zpm2.polygons.rasterize import rasterize
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay, unmatched
 

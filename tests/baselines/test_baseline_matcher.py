@@ -13,9 +13,9 @@ from zpm2 import MatchResult, PolygonMatcher
 from zpm2.baselines import METHODS, BaselineMatcher, ShapeContext
 from zpm2.baselines.matcher import one_to_one
 from zpm2.config import Config, PointsConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Polygon
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 BLANK = np.full((200, 300, 3), 90, np.uint8)
 

@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 from rendered import Pair
 
-from zpm2.cloud.stereo import (
-    Rig,
-    disparity_mesh,
-    disparity_range,
-    read_calibration,
-    refuse_other_disparity,
-    rig_of,
-    semi_global,
-)
+from zpm2.cloud.disparity_mesh import disparity_mesh
 from zpm2.errors import Failed, InputError
-from zpm2.io.images import read_image
 from zpm2.model import Camera, Image
+from zpm2.photos.images import read_image
+from zpm2.stereo.calibration import read_calibration
+from zpm2.stereo.dense import disparity_range, refuse_other_disparity, semi_global
+from zpm2.stereo.rig import Rig, rig_of
 
 K = np.array([[300.0, 0, 200], [0, 300, 120], [0, 0, 1]])
 
@@ -50,7 +45,7 @@ def test_it_is_torn_where_depth_jumps_and_open_where_nothing_is_known() -> None:
 
 
 def test_large_maps_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zpm2.cloud.stereo.MAX_FACES", 1000)
+    monkeypatch.setattr("zpm2.cloud.disparity_mesh.MAX_FACES", 1000)
     surface = disparity_mesh(np.full((120, 120), 10.0, np.float32), rig(size=(120, 120)))
     assert 500 < len(surface.faces) <= 1000
 

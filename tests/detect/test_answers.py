@@ -1,6 +1,6 @@
 import numpy as np
 
-from zpm2.detect.answers import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
 
 
 def some(prompt, score, stability):

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from zpm2.detect.blobs import RADIUS, SCALES, Blobs, blobs, has_data
 from zpm2.model import Image
+from zpm2.segment.blobs import RADIUS, SCALES, Blobs, blobs, has_data
 
 SIZE = 128, 256  # of a decoded mask
 

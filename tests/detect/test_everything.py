@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from painted import PaintedView, Region, blank
 
 from zpm2.config import SegmentConfig
-from zpm2.detect.answers import Answers, Floor, Prompts
-from zpm2.detect.everything import distinct, everything, grid
 from zpm2.model import Image
+from zpm2.segment.automatic import distinct, everything, grid
+from zpm2.segment.predictions import Answers, Floor, Prompts
 
 FULL = SegmentConfig(quality="full", grid=16, min_area=30.0)
 LEVELS = [dataclasses.replace(FULL, quality=quality) for quality in ("fast", "balanced", "full")]

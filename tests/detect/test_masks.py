@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.detect import masks
+from zpm2.segment import suppression
 
 
 def rectangles(draw_seed: int, n: int) -> np.ndarray:
@@ -31,14 +31,14 @@ def suppress_reference(bits: np.ndarray, score: np.ndarray, threshold: float) ->
 def test_suppress_equals_reference(seed: int, n: int, threshold: float) -> None:
     bits = rectangles(seed, n)
     score = np.random.default_rng(seed + 1).permutation(n).astype(np.float32)
-    kept = masks.suppress(masks.pack(bits), masks.boxes(bits), bits.sum((1, 2)), score, threshold)
+    kept = suppression.suppress(suppression.pack(bits), suppression.boxes(bits), bits.sum((1, 2)), score, threshold)
     assert list(kept) == suppress_reference(bits, score, threshold)
 
 
 @given(st.integers(0, 10_000))
 def test_boxes_hold_the_mask_tightly(seed: int) -> None:
     bits = rectangles(seed, 3)
-    for mask, (x0, y0, x1, y1) in zip(bits, masks.boxes(bits), strict=True):
+    for mask, (x0, y0, x1, y1) in zip(bits, suppression.boxes(bits), strict=True):
         rows, columns = np.nonzero(mask)
         assert (x0, y0, x1, y1) == (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
 
@@ -46,5 +46,5 @@ def test_boxes_hold_the_mask_tightly(seed: int) -> None:
 @given(st.integers(0, 10_000))
 def test_packed_words_count_pixels(seed: int) -> None:
     bits = rectangles(seed, 2)
-    words = masks.pack(bits)
+    words = suppression.pack(bits)
     assert np.bitwise_count(words[0] & words[1]).sum() == (bits[0] & bits[1]).sum()

@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from zpm2.config import VectorizeConfig
-from zpm2.detect.annotations import decode
-from zpm2.detect.annotations import run_lengths as uncompressed
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.protocol import PolygonSource
-from zpm2.detect.vectorize import vectorize, with_parents
 from zpm2.errors import InputError
-from zpm2.io import geojson
+from zpm2.formats import geojson
 from zpm2.model import Image, Mask
+from zpm2.polygons.nest import with_parents
+from zpm2.polygons.vectorize import vectorize
+from zpm2.segment.given.annotations import decode
+from zpm2.segment.given.annotations import run_lengths as uncompressed
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
+from zpm2.segment.protocol import PolygonSource
 
 WIDTH, HEIGHT = 60, 40
 IMAGE = Image(np.zeros((HEIGHT, WIDTH, 3), np.uint8), path="/photos/left.png")

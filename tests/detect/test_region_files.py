@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zpm2.config import VectorizeConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.vectorize import rasterize
 from zpm2.errors import InputError, MissingDependency
-from zpm2.io import geojson
-from zpm2.io.coco import coco
-from zpm2.io.images import read_image
+from zpm2.formats import geojson
+from zpm2.formats.coco import coco
 from zpm2.model import Counterpart, Image, Polygon
+from zpm2.photos.images import read_image
+from zpm2.polygons.rasterize import rasterize
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 WIDTH, HEIGHT = 60, 40
 IMAGE = Image(np.zeros((HEIGHT, WIDTH, 3), np.uint8), path="/photos/left.png")
@@ -212,7 +212,7 @@ def test_large_label_images_are_no_bombs(tmp_path, monkeypatch, ending):
 
 def test_a_label_image_beyond_all_measure_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     PIL.Image.fromarray(labels()).save(tmp_path / "a.png")
-    monkeypatch.setattr("zpm2.detect.labels.MAX_PIXELS", 1000)
+    monkeypatch.setattr("zpm2.segment.given.labels.MAX_PIXELS", 1000)
     with pytest.raises(InputError, match="gigapixel: give polygons"):
         source(tmp_path / "a.png")
 
@@ -221,7 +221,7 @@ def test_numbering_does_not_depend_on_the_rows_that_are_numbered_at_a_time(tmp_p
     values = np.random.default_rng(0).choice([0, 3, 500, 70_000], (HEIGHT, WIDTH)).astype(np.int64)
     np.save(tmp_path / "a.npy", values)
     whole = source(tmp_path / "a.npy").segment(IMAGE)
-    monkeypatch.setattr("zpm2.detect.labels.CHUNK", 100)
+    monkeypatch.setattr("zpm2.segment.given.labels.CHUNK", 100)
     parts = source(tmp_path / "a.npy").segment(IMAGE)
     assert [(m.x0, m.y0, m.label, m.bits.tobytes()) for m in whole] == [
         (m.x0, m.y0, m.label, m.bits.tobytes()) for m in parts

@@ -7,8 +7,8 @@ import pytest
 import torch
 from kornia.models.sam import Sam
 
-from zpm2.detect import sam_network
-from zpm2.detect.sam_backend import OpenVinoBackend, TorchBackend, load_sam
+from zpm2.segment import sam_network
+from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend, load_sam
 
 POINTS = np.array([[100.5, 200.25], [512.0, 300.0], [3.0, 1020.0]])[:, None]
 

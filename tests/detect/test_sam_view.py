@@ -6,9 +6,9 @@ import shapely
 from rendered import Pair
 
 from zpm2.config import SegmentConfig
-from zpm2.detect.answers import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
-from zpm2.detect.sam import SamSegmenter, SamView, decoded_size
 from zpm2.model import Image
+from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.segment.sam import SamSegmenter, SamView, decoded_size
 
 pytestmark = pytest.mark.weights
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from rendered import Pair, photograph
 
 from zpm2.config import SegmentConfig, VectorizeConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.protocol import Segmenter
-from zpm2.detect.sam import SamSegmenter
-from zpm2.detect.vectorize import vectorize
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask
+from zpm2.polygons.vectorize import vectorize
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
+from zpm2.segment.protocol import Segmenter
+from zpm2.segment.sam import SamSegmenter
 
 SAM = SegmentConfig(grid=4, min_area=150.0)
 Maker = Callable[[Image], Segmenter]  # the segmenter to use on that image

@@ -7,8 +7,12 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import ndimage
 
 from zpm2.config import VectorizeConfig
-from zpm2.detect.vectorize import from_shape, pieces, rasterize, trace, vectorize, with_parents
 from zpm2.model import Mask
+from zpm2.polygons.nest import with_parents
+from zpm2.polygons.rasterize import rasterize
+from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.trace import pieces, trace
+from zpm2.polygons.vectorize import vectorize
 
 EXACT = VectorizeConfig(tolerance=0.0)
 SIZE = (200, 200)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.pairs import DepthTruth, PoseTruth
-from zpm2.io import cameras
+from zpm2.formats import cameras
 
 K = np.array([[1170.0, 0.0, 647.5], [0.0, 1168.0, 484.0], [0.0, 0.0, 1.0]])  # centres from 0, 1296 x 968 px
 HALF = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # from centres at 0 to centres at +0.5

@@ -9,7 +9,7 @@ from dataset_files import file, files, listed, picture, sample
 from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import DisparityTruth
-from zpm2.io.maps import read_map
+from zpm2.formats.maps import read_map
 
 
 def flying_things(root: Path, frames: str = "frames_cleanpass", ending: str = "png") -> None:

@@ -9,7 +9,7 @@ from test_point_matchers import build, config, texture, warped
 
 from zpm2.config import PointsConfig
 from zpm2.features import create
-from zpm2.features.look_again import MANY, LookAgain, _view
+from zpm2.features.rotated_retry import MANY, LookAgain, _view
 from zpm2.geometry import project
 from zpm2.model import Image, PointMatches
 

@@ -11,7 +11,7 @@ from samples import Files, Reader, encoded, npz, pixels
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.ground_truth import covisible
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth
-from zpm2.io.inputs import image_size
+from zpm2.photos.listing import image_size
 
 PICTURE = encoded("PNG", pixels())
 CALIBRATION = [[50, 0, 24], [0, 50, 20], [0, 0, 1]]

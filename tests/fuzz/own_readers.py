@@ -16,8 +16,9 @@ from samples import Files, Reader, only
 from zpm2.evaluate import kept as kept_regions
 from zpm2.evaluate import predictions
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.io import colmap, files, record
-from zpm2.io.keys import code, fingerprint
+from zpm2.files import record, writing
+from zpm2.files.keys import code, fingerprint
+from zpm2.formats import colmap
 from zpm2.model import Camera
 from zpm2.reconstruct import Options, workspace
 from zpm2.reconstruct.depth import read_sparse
@@ -102,7 +103,7 @@ def _folders() -> list[Reader]:
     hidden = f"{record.HIDDEN}/{record.RECORD}"
 
     def recorded(folder: Path) -> None:
-        files.claim(folder, ["images", "matches.json"])
+        writing.claim(folder, ["images", "matches.json"])
         record.kept(folder)
         record.unmark(folder)
 

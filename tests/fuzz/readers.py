@@ -20,20 +20,21 @@ from rasterio.rpc import RPC
 from samples import Files, Reader, encoded, npy, npz, only, pixels
 
 from zpm2 import config
-from zpm2.cloud.stereo import read_calibration
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import read_views
-from zpm2.detect.region_files import open_regions
 from zpm2.errors import MissingDependency
-from zpm2.io import cameras, colmap, gdal
-from zpm2.io.coco import compressed
-from zpm2.io.fit import orientation
-from zpm2.io.images import read_image
-from zpm2.io.inputs import image_size
-from zpm2.io.maps import read_disparity, read_map
-from zpm2.io.source import open_source
+from zpm2.formats import cameras, colmap
+from zpm2.formats.coco import compressed
+from zpm2.formats.maps import read_disparity, read_map
 from zpm2.model import Image
-from zpm2.pose.intrinsics import from_exif, read_camera
+from zpm2.photos import gdal
+from zpm2.photos.images import read_image
+from zpm2.photos.listing import image_size
+from zpm2.photos.source import open_source
+from zpm2.segment.given.region_files import open_regions
+from zpm2.stereo.calibration import read_calibration
+from zpm2.stereo.camera_check import orientation
+from zpm2.stereo.intrinsics import from_exif, read_camera
 
 
 def readers() -> list[Reader]:

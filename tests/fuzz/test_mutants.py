@@ -23,18 +23,20 @@ from harness import Hang, attempt, run, summary
 from samples import Reader
 
 from zpm2 import config
-from zpm2.cloud.stereo import read_calibration
 from zpm2.cloud.surface import Surface
-from zpm2.detect.region_files import open_regions
 from zpm2.errors import ConfigError, InputError, Zpm2Error
-from zpm2.io import cameras, colmap, inputs
-from zpm2.io.fit import orientation
-from zpm2.io.images import read_image
-from zpm2.io.maps import read_map
-from zpm2.io.source import open_source
-from zpm2.pose.intrinsics import from_exif, read_camera
-from zpm2.reading import UNPACKED, parse_json, read_array, read_arrays, unpack_gzip
+from zpm2.files.listing import json_file, text
+from zpm2.files.reading import UNPACKED, parse_json, read_array, read_arrays, unpack_gzip
+from zpm2.formats import cameras, colmap
+from zpm2.formats.maps import read_map
+from zpm2.photos import listing
+from zpm2.photos.images import read_image
+from zpm2.photos.source import open_source
 from zpm2.result import MatchResult
+from zpm2.segment.given.region_files import open_regions
+from zpm2.stereo.calibration import read_calibration
+from zpm2.stereo.camera_check import orientation
+from zpm2.stereo.intrinsics import from_exif, read_camera
 
 MUTANTS = 3000
 
@@ -73,8 +75,8 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "config.toml": config.load,
     "config.json": config.load,
     "matches.json": MatchResult.load,
-    "pairs.json": inputs.json_file,
-    "pairs.csv": inputs.text,
+    "pairs.json": json_file,
+    "pairs.csv": text,
     "cameras.npz": cameras.archive,
     "K.txt": lambda path: read_camera(str(path), "a.png", (48, 40)),
     "cameras.txt": colmap.read_cameras,
@@ -164,7 +166,7 @@ def test_a_picture_above_pillows_limit_has_a_size_and_exif(tmp_path: Path) -> No
     path, exif = tmp_path / "large.png", PIL.Image.Exif()
     exif[0x0112] = 6
     PIL.Image.new("1", (20000, 20000)).save(path, exif=exif)
-    assert inputs.image_size(path) == (20000, 20000)
+    assert listing.image_size(path) == (20000, 20000)
     assert orientation(str(path)) == 6
     assert "no focal length" in str(from_exif(path, (20000, 20000)))
 

@@ -23,10 +23,10 @@ LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
     "reading.py: unpack_gzip": "bytes",
     "cloud/page.py: page": "the package's own template",
-    "io/keys.py: code": "the package's own source",
-    "io/lock.py": "a file without content",
+    "files/keys.py: code": "the package's own source",
+    "files/lock.py": "a file without content",
     "weights/": "downloads and verified files: tests/weights",
-    "detect/sam_backend.py": "networks of a folder that weights.converted has checked",
+    "segment/sam_backend.py": "networks of a folder that weights.converted has checked",
     "reconstruct/structure.py": "COLMAP's work on photographs that read_image has read: errors by io.colmap.colmap_can",
     "reconstruct/workspace.py: reconstruct": "the same",
     "reconstruct/workspace.py: _depth": "the same",

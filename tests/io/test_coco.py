@@ -7,10 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as cocotools
 
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.vectorize import from_shape, rasterize, trace
-from zpm2.io.coco import coco, compressed, run_lengths
+from zpm2.formats.coco import coco, compressed, run_lengths
 from zpm2.model import Counterpart, Image, Mask, Polygon
+from zpm2.polygons.rasterize import rasterize
+from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.trace import trace
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # inside pycocotools
 

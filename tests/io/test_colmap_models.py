@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zpm2.errors import InputError
-from zpm2.io.colmap import camera_of, read_cameras, read_poses
+from zpm2.formats.colmap import camera_of, read_cameras, read_poses
 
 CAMERAS = "# list\n1 SIMPLE_RADIAL 640 480 500 320 240 0.1\n\n2 PINHOLE 800 600 700 710 400 300\n"
 FISHEYE = "3 OPENCV_FISHEYE 640 480 500 500 320 240 0 0 0 0\n"

@@ -12,13 +12,14 @@ import PIL.PngImagePlugin
 import pytest
 
 from zpm2 import memory
-from zpm2.detect.labels import open_labels
 from zpm2.errors import InputError
-from zpm2.io import pictures, read_image
-from zpm2.io.inputs import image_size
-from zpm2.io.maps import read_map
-from zpm2.io.source import open_source
-from zpm2.reading import read_bytes
+from zpm2.files.reading import read_bytes
+from zpm2.formats import read_image
+from zpm2.formats.maps import read_map
+from zpm2.photos import pictures
+from zpm2.photos.listing import image_size
+from zpm2.photos.source import open_source
+from zpm2.segment.given.labels import open_labels
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -89,14 +90,14 @@ def test_photographs_are_refused_unread(kind: str, tmp_path: Path) -> None:
 def test_large_ones_that_have_no_parts_are_not_read_by_windows(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.io.source.LARGE", 1_000_000)
+    monkeypatch.setattr("zpm2.photos.source.LARGE", 1_000_000)
     path = blank(tmp_path / f"a.{kind}", **({"progressive": True} if kind == "jpg" else {}))
     with memory.within("20MB"), pytest.raises(InputError, match=r"needs about 27\.0 MB of memory"):
         open_source(path)
 
 
 def test_large_ones_that_have_parts_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zpm2.io.source.LARGE", 1_000_000)
+    monkeypatch.setattr("zpm2.photos.source.LARGE", 1_000_000)
     for path in (blank(tmp_path / "a.png"), blank(tmp_path / "a.jpg"), BOMBS["tif"](tmp_path)):
         with memory.within("20MB"):
             assert open_source(path).read((0, 0, 64, 64)).width == 64

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.io.described import OURS, PREFIX, apart, beside, described
+from zpm2.formats.properties import OURS, PREFIX, apart, beside, described
 from zpm2.model import Counterpart, Polygon
 
 SQUARE = np.array([[0, 0], [4, 0], [4, 4], [0, 4.0]])

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from zpm2.errors import OutputError
-from zpm2.io import atomic_write, output_folder
-from zpm2.io.files import results_folder
+from zpm2.files.writing import results_folder
+from zpm2.formats import atomic_write, output_folder
 
 
 @pytest.mark.parametrize(("content", "stored"), [(b"\x00\xff", b"\x00\xff"), ("größer\n", "größer\n".encode())])

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zpm2.errors import InputError
-from zpm2.io.fit import checked, doubts, fitting_size, orientation
 from zpm2.model import Camera
+from zpm2.stereo.camera_check import checked, doubts, fitting_size, orientation
 
 SIZE = (640, 480)
 

@@ -9,14 +9,14 @@ import PIL.Image
 import pytest
 from listener import listening
 
-from zpm2.detect.labels import open_labels
 from zpm2.errors import InputError
-from zpm2.io.source import open_source
+from zpm2.photos.source import open_source
+from zpm2.segment.given.labels import open_labels
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-from zpm2.io import gdal  # noqa: E402
-from zpm2.io.raster import open_raster  # noqa: E402
+from zpm2.photos import gdal  # noqa: E402
+from zpm2.photos.raster import open_raster  # noqa: E402
 
 SIDE = 64
 PIXELS = np.random.default_rng(0).integers(0, 256, (1, SIDE, SIDE), np.uint8)

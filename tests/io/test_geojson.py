@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
-from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, OutputError
-from zpm2.io import geojson
+from zpm2.formats import geojson
 from zpm2.model import Counterpart, Polygon
+from zpm2.polygons.shapes import from_shape
 
 frame = shapely.Polygon(
     [(1 / 3, 2), (40, 2.25), (41, 30), (2, 31)], [[(10, 10), (20, 10), (20, 20)], [(5, 20), (8, 20), (8, 25)]]

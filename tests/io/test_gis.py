@@ -10,11 +10,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.detect.vectorize import from_shape
 from zpm2.errors import InputError, MissingDependency, OutputError
-from zpm2.io import geojson, gis
-from zpm2.io.layer import Layer, feature_collection, world_shapes
+from zpm2.formats import geojson, gis
+from zpm2.formats.layer import Layer, feature_collection, world_shapes
 from zpm2.model import Counterpart, Georeference, Polygon, PolygonMatch
+from zpm2.polygons.shapes import from_shape
 
 pyogrio = pytest.importorskip("pyogrio")
 warp = pytest.importorskip("rasterio.warp")

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from zpm2.errors import InputError
-from zpm2.io import images, read_image
+from zpm2.formats import read_image
 from zpm2.model import Image
+from zpm2.photos import images
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 50, 3), np.uint8)

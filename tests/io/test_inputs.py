@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from zpm2.errors import InputError
-from zpm2.io.inputs import distinct_names, some_photographs
+from zpm2.files.listing import distinct_names
+from zpm2.photos.listing import some_photographs
 
 
 def touch(*paths: Path) -> None:

@@ -2,8 +2,8 @@
 
 import os
 
-from zpm2.io import keys
-from zpm2.io.keys import BLOCK, BLOCKS, fingerprint, key, stamp
+from zpm2.files import keys
+from zpm2.files.keys import BLOCK, BLOCKS, fingerprint, key, stamp
 
 
 def test_a_file_that_was_replaced_gives_another_key(tmp_path):

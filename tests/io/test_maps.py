@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from zpm2.errors import InputError
-from zpm2.io.maps import read_disparity, read_map
+from zpm2.formats.maps import read_disparity, read_map
 
 VALUES = np.array([[1.5, 0.0, 3.0], [7.25, np.inf, 2.0]], np.float32)
 KNOWN = np.array([[1.5, np.nan, 3.0], [7.25, np.nan, 2.0]], np.float32)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zpm2.io.meshes import read_mesh
+from zpm2.formats.meshes import read_mesh
 
 VERTICES = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0.5], [1, 1, 0], [1, 2, 0], [0, 2, -0.25]])
 MIXED = [[0, 1, 2], [0, 1, 2, 3], [5, 3, 4], [0, 1, 2, 3, 4, 5], [3, 4, 5, 0]]

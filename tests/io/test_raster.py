@@ -9,8 +9,9 @@ import PIL.Image
 import pytest
 
 from zpm2.errors import ConfigError, InputError, MissingDependency
-from zpm2.io import raster, read_image
-from zpm2.io.raster import open_raster
+from zpm2.formats import read_image
+from zpm2.photos import raster
+from zpm2.photos.raster import open_raster
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

@@ -7,10 +7,11 @@ import PIL.Image
 import pytest
 
 from zpm2.errors import ConfigError, InputError, MissingDependency
-from zpm2.io import read_image, source
-from zpm2.io.inputs import image_size
-from zpm2.io.raster import open_raster
-from zpm2.io.source import Held, open_source
+from zpm2.formats import read_image
+from zpm2.photos import source
+from zpm2.photos.listing import image_size
+from zpm2.photos.raster import open_raster
+from zpm2.photos.source import Held, open_source
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

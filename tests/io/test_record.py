@@ -10,9 +10,10 @@ import pytest
 
 import zpm2
 from zpm2.errors import OutputError
-from zpm2.io import atomic_write, claim, lock
-from zpm2.io.files import results_folder
-from zpm2.io.record import HIDDEN, LOCK, RECORD, discard, keep, kept, made_folder, put, scratch
+from zpm2.files import lock
+from zpm2.files.record import HIDDEN, LOCK, RECORD, discard, keep, kept, made_folder, put, scratch
+from zpm2.files.writing import results_folder
+from zpm2.formats import atomic_write, claim
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -185,7 +186,7 @@ def test_tiles_for_the_next_run_stay(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_what_a_killed_run_left_goes_with_the_next_one(tmp_path):
     code = (
-        "import os, signal, sys\nfrom zpm2.io import claim\nfrom zpm2.io.record import scratch\n"
+        "import os, signal, sys\nfrom zpm2.formats import claim\nfrom zpm2.files.record import scratch\n"
         "with scratch(claim(sys.argv[1], [])) as part:\n"
         "    (part / 'x').write_text('x')\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
@@ -209,8 +210,8 @@ def test_removal_is_in_one_place():
         if any(word in path.read_text(encoding="utf-8") for word in words)
     }
     cache = "weights/converted.py"  # of our own folder, and it removes nothing itself
-    lock = "io/lock.py"  # the file that it made and holds
-    assert found == {"io/record.py", "io/files.py", lock, cache}
+    lock = "files/lock.py"  # the file that it made and holds
+    assert found == {"files/record.py", "files/writing.py", lock, cache}
 
 
 HOLD = """
@@ -247,7 +248,7 @@ def test_a_second_run_into_a_folder_ends_at_once(tmp_path):
 def test_runs_that_start_together_are_one_at_a_time(tmp_path):
     """Each of some processes adds 1 to a number when it gets the lock, and tries again when it does not."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom zpm2.io.lock import Taken, locked\nout = Path(sys.argv[1])\n"
+        "import sys, time\nfrom pathlib import Path\nfrom zpm2.files.lock import Taken, locked\nout = Path(sys.argv[1])\n"
         "done = 0\nwhile done < 50:\n    try:\n        with locked(out / 'lock'):\n"
         "            n = int((out / 'n').read_text())\n            (out / 'n').write_text(str(n + 1))\n"
         "        done += 1\n    except Taken:\n        time.sleep(0.001)\n"
@@ -296,7 +297,7 @@ def test_an_interrupt_of_the_cleaning_up_leaves_nothing_either(tmp_path, monkeyp
 
     def write(out):
         with results_folder(out, ["a.json"]), monkeypatch.context() as patch:
-            patch.setattr("zpm2.io.record._remove", interrupted)
+            patch.setattr("zpm2.files.record._remove", interrupted)
             atomic_write(out / "a.json", "one")
 
     out = tmp_path / "out"

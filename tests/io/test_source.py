@@ -3,10 +3,10 @@ import PIL.Image
 import pytest
 
 from zpm2.errors import ConfigError, InputError, MissingDependency
-from zpm2.io import source
-from zpm2.io.raster import Raster
-from zpm2.io.source import Held, open_source, opened, reduced
 from zpm2.model import Image
+from zpm2.photos import source
+from zpm2.photos.raster import Raster
+from zpm2.photos.source import Held, open_source, opened, reduced
 
 RNG = np.random.default_rng(0)
 PIXELS = RNG.integers(0, 256, (120, 160, 3), np.uint8)

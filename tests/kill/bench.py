@@ -208,7 +208,7 @@ def _left(folder: Path) -> Iterator[Path]:
 def _not_on_record(folder: Path) -> list[str]:
     """Results that the next run would take for somebody else's."""
     from zpm2.errors import OutputError
-    from zpm2.io.record import refuse_foreign
+    from zpm2.files.record import refuse_foreign
 
     odd = []
     for name in sorted(_files(folder)):
@@ -247,7 +247,7 @@ def _drive(stop: int, number: int, counted: str, words: list[str]) -> None:
     sys.argv = ["zpm2", *words]
     from commands import offered
 
-    from zpm2.cli import main
+    from zpm2.cli.app import main
 
     try:
         with offered(words):

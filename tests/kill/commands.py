@@ -40,7 +40,7 @@ class Case:
 @contextmanager
 def cases(folder: Path, ready: bool = True) -> Iterator[list[Case]]:
     """All of them; `folder` gets the inputs, as `in`, of all of them or, if not `ready`, of matching and of weights."""
-    from zpm2.demo import render_scene
+    from zpm2.evaluate.rendered import render_scene
 
     inputs = folder / "in"
     inputs.mkdir(parents=True)
@@ -96,14 +96,15 @@ def _cases(pair: Pair) -> Iterator[Case]:
 def _evaluation(pair: Pair, folder: Path) -> None:
     """Predictions of given regions as `zpm2 eval` keeps them, a data set that takes their regions, the matches alone,
     and a workspace of the pair with the surface that it shows."""
+    from zpm2.cloud.disparity_mesh import disparity_mesh
     from zpm2.cloud.export import write_surface
-    from zpm2.cloud.stereo import Rig, disparity_mesh
     from zpm2.config import assign, preset
-    from zpm2.detect.precomputed import PrecomputedSegmenter
     from zpm2.evaluate import predictions
     from zpm2.evaluate.datasets import open_dataset
     from zpm2.model import Camera
     from zpm2.pipeline import PolygonMatcher
+    from zpm2.segment.given.precomputed import PrecomputedSegmenter
+    from zpm2.stereo.rig import Rig
 
     scene = pair.scene
     matrix = np.array([[scene.f, 0, scene.cx], [0, scene.f, scene.cy], [0, 0, 1]])
@@ -160,7 +161,7 @@ def names_of_commands() -> list[str]:
     """All of the command line."""
     import typer
 
-    from zpm2.cli import app
+    from zpm2.cli.app import app
 
     def walk(group: object, before: tuple[str, ...] = ()) -> Iterator[str]:
         for name, command in group.commands.items():  # type: ignore[attr-defined]

@@ -10,9 +10,9 @@ from shapes import arrays, square, star
 from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
-from zpm2.local_match.carry import AROUND, backwards, carry, forwards
-from zpm2.local_match.rectify import overlaps
 from zpm2.model import PointMatches
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.warp import AROUND, backwards, carry, forwards
 
 GAMMA = 8
 H = np.array([[0.9, 0.1, 30.0], [-0.1, 1.1, 5.0], [1e-4, -5e-5, 1.0]])

@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapes import square
 
-from zpm2.detect.vectorize import from_shape, rasterize, trace
 from zpm2.local_match.exclusive import MIN_KEPT, MIN_OVERLAP, MOSTLY, exclusive
 from zpm2.model import Polygon
+from zpm2.polygons.rasterize import rasterize
+from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.trace import trace
 
 WIDTH, HEIGHT = 22, 16
 SIZES = (WIDTH, HEIGHT), (WIDTH, HEIGHT)

@@ -3,8 +3,8 @@ import shapely
 from shapes import arrays, square
 
 from zpm2.global_match import Candidates
-from zpm2.local_match.carry import Carried
-from zpm2.local_match.guidance import MIN_AGREEMENT, Guidance
+from zpm2.guided.prior import MIN_AGREEMENT, Guidance
+from zpm2.polygons.warp import Carried
 
 
 def guidance():

@@ -9,9 +9,11 @@ from shapes import arrays, square, star
 from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
-from zpm2.local_match import rectify
-from zpm2.local_match.rectify import fit_homographies, overlaps, placed_maps, rectified_shapes
 from zpm2.model import PointMatches
+from zpm2.polygons import local_homography
+from zpm2.polygons.local_homography import fit_homographies, placed_maps
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.transform import transformed
 
 seeds = st.integers(0, 10**6)
 
@@ -57,8 +59,8 @@ def test_exact_points_give_the_exact_map_and_that_of_opencv(seed, count, with_pr
     truth, prior, left, right, group = regions(seed, count)
     with pytest.MonkeyPatch.context() as patch:
         if not with_prior:
-            patch.setattr(rectify, "PRIOR_LINEAR", 0.0)
-            patch.setattr(rectify, "PRIOR_PROJECTIVE", 0.0)
+            patch.setattr(local_homography, "PRIOR_LINEAR", 0.0)
+            patch.setattr(local_homography, "PRIOR_PROJECTIVE", 0.0)
         matrices = fit(left, right, group, prior)
     near = 0.4 if with_prior else 1e-3  # px; the prior pulls a strong perspective a little
     for g, matrix in enumerate(matrices):
@@ -129,7 +131,7 @@ def test_a_noisy_small_region_far_from_the_corner_is_not_lost(seed):
     prior[:2, 2] = shift
     matrix = fit(left, left + shift + rng.normal(0, 0.7, left.shape), np.zeros(8, int), prior[None])[0]
     polygon = arrays([center + star(rng, 10, size=10)])
-    moved = rectified_shapes(polygon, np.zeros(1, np.int64), matrix[None])[0]
+    moved = transformed(polygon, np.zeros(1, np.int64), matrix[None])[0]
     assert overlaps(np.array([moved]), np.array([shapely.affinity.translate(polygon.shapes[0], *shift)]))[0] > 0.5
 
 
@@ -166,12 +168,12 @@ def test_rectified_shapes_move_holes_and_drop_what_lies_beyond_the_horizon():
     shift, horizon = np.eye(3), np.eye(3)
     shift[:2, 2] = 5, 7
     horizon[2, 0] = -1 / 30
-    moved = rectified_shapes(polygons, np.array([0, 1, 1]), np.stack([shift, shift, horizon]))
+    moved = transformed(polygons, np.array([0, 1, 1]), np.stack([shift, shift, horizon]))
     assert moved[0].equals(shapely.Polygon(square(5, 7, 15, 17), [square(9, 11, 11, 13)]))
     assert moved[1].equals(shapely.Polygon(square(25, 7, 45, 17)))
     assert moved[2].is_empty
     assert polygons.shapes[0].bounds == (0, 0, 10, 10)
-    assert len(rectified_shapes(polygons, np.zeros(0, np.int64), np.zeros((0, 3, 3)))) == 0
+    assert len(transformed(polygons, np.zeros(0, np.int64), np.zeros((0, 3, 3)))) == 0
 
 
 def test_overlaps():
@@ -191,6 +193,6 @@ def test_overlaps():
 def test_a_shape_whose_rings_cross_keeps_its_larger_part():
     touching = np.array([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], float)
     for ring in (touching, touching[::-1]):
-        (found,) = rectified_shapes(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
+        (found,) = transformed(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
         assert found.is_valid
         assert found.area == pytest.approx(5 * 2 * 3)

@@ -5,9 +5,9 @@ import pytest
 import shapely
 from shapes import arrays, square
 
-from zpm2.local_match.carry import Carried
 from zpm2.local_match.unmatched import REASONS, reasons, visible
 from zpm2.model import PolygonArrays
+from zpm2.polygons.warp import Carried
 
 SIZE = 400, 300  # px of the right photograph
 SHIFT = np.array([50.0, 0.0])  # left px to right px

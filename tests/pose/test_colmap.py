@@ -9,7 +9,7 @@ from test_relative import PLAIN, found
 from views import camera, matched, views
 
 from zpm2.errors import InputError, MissingDependency
-from zpm2.io.colmap import read_cameras, read_model
+from zpm2.formats.colmap import read_cameras, read_model
 from zpm2.pose import PoseFinder, colmap
 
 pycolmap = pytest.importorskip("pycolmap")

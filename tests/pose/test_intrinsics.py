@@ -9,7 +9,7 @@ import pytest
 
 from zpm2.errors import Failed, InputError
 from zpm2.model import Camera
-from zpm2.pose.intrinsics import from_exif, guess, read_camera, refuse_swapped
+from zpm2.stereo.intrinsics import from_exif, guess, read_camera, refuse_swapped
 
 SIZE = (640, 480)
 K = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])

@@ -20,7 +20,7 @@ QUICK = ["--set", "pose.crops=off", "--device", "cpu"]
 def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from zpm2 import PolygonMatcher
     from zpm2.config import assign, preset
-    from zpm2.detect.precomputed import PrecomputedSegmenter
+    from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     config = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
     regions = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)

@@ -5,7 +5,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from zpm2.io import read_image
+from zpm2.formats import read_image
 from zpm2.reconstruct.photographs import as_png
 
 pycolmap = pytest.importorskip("pycolmap")

@@ -9,14 +9,14 @@ from rendered import Run
 from scipy.spatial.transform import Rotation
 
 from zpm2.cloud import Surface, open_caster, read_views
-from zpm2.cloud.stereo import semi_global
 from zpm2.errors import Failed, InputError
-from zpm2.io import record
+from zpm2.files import record
 from zpm2.model import Image, PosedCamera
 from zpm2.reconstruct import Options, reconstruct
 from zpm2.reconstruct.depth import agreed
-from zpm2.reconstruct.rectified import rectify_views
 from zpm2.reconstruct.workspace import Reconstructed
+from zpm2.stereo.dense import semi_global
+from zpm2.stereo.rectified import rectify_views
 
 pycolmap = pytest.importorskip("pycolmap")
 

@@ -10,11 +10,11 @@ import shapely
 from zpm2 import geometry
 from zpm2.config import PRESETS, GuidedConfig
 from zpm2.global_match import initial_geometry, place, search_candidates
-from zpm2.io.source import Held
+from zpm2.guided.prior import Guidance
 from zpm2.local_match import match_polygons
-from zpm2.local_match.carry import Carried, carry, forwards
-from zpm2.local_match.guidance import Guidance
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
+from zpm2.photos.source import Held
+from zpm2.polygons.warp import Carried, carry, forwards
 from zpm2.tiled import blocks
 from zpm2.tiled.blocks import MARGIN, MOST, layers, match_blocks
 from zpm2.tiled.cells import carried_over, cells

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.io.raster import open_raster
-from zpm2.io.source import Held
 from zpm2.model import Image, PointMatches
+from zpm2.photos.raster import open_raster
+from zpm2.photos.source import Held
 from zpm2.tiled.predict import HARDLY, STEPS, Partner, affine, by_georeference, coherent, framed, partner
 
 WINDOW = (400, 300, 900, 700)

@@ -8,8 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.detect.vectorize import from_shape
-from zpm2.local_match.rectify import overlaps as iou
+from zpm2.polygons.overlap import overlaps as iou
+from zpm2.polygons.shapes import from_shape
 from zpm2.tiled.stitch import BORDER, Pieces, cut_by_window, stitch, suppress
 from zpm2.tiled.windows import grid
 

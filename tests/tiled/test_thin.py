@@ -5,10 +5,10 @@ import pytest
 from test_tiled_matcher import ColourSegmenter, OrbPoints, carried, config, iou, scene, visible
 
 from zpm2.errors import InputError
-from zpm2.features.look_again import LookAgain
+from zpm2.features.rotated_retry import LookAgain
 from zpm2.model import Image, PointMatches
 from zpm2.tiled import TiledMatcher
-from zpm2.tiled.matcher import in_tiles
+from zpm2.tiled.whole import in_tiles
 
 SHIFT = ((1, 0, -14.0), (0, 1, 3.0), (0, 0, 1))
 
@@ -84,7 +84,7 @@ def test_sizes_near_multiples_of_a_tile(width):
 
 def test_sam_says_what_it_would_not_see():
     from zpm2.config import SegmentConfig
-    from zpm2.detect.sam import SamView
+    from zpm2.segment.sam import SamView
 
     with pytest.raises(InputError, match=r"40000 x 420 px, of which SAM would see 1024 x 11: .*--tiles on"):
         SamView(None, Image(np.broadcast_to(np.zeros(1, np.uint8), (420, 40000, 3))), SegmentConfig())

@@ -8,12 +8,12 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from zpm2 import reading
 from zpm2.config import Config
 from zpm2.errors import Failed, OutputError
-from zpm2.io.raster import open_raster
-from zpm2.io.source import Held, open_source
+from zpm2.files import reading
 from zpm2.model import Image, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.photos.raster import open_raster
+from zpm2.photos.source import Held, open_source
 from zpm2.result import MatchResult
 from zpm2.tiled import tile as tiles
 from zpm2.tiled.tile import Kept, Tile
@@ -211,7 +211,7 @@ def test_the_key_says_what_would_give_the_same_tiles(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert key(["a.png", "b.png"]) == first  # the same files by other words
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.io.keys.code", lambda: "other")
+        patch.setattr("zpm2.files.keys.code", lambda: "other")
         assert key() != first
     assert key() == first
     photograph(paths[1], 5)

@@ -13,15 +13,15 @@ from painted import PaintedView, Region
 from zpm2 import config as configuration
 from zpm2 import features, geometry
 from zpm2.config import PointsConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.vectorize import trace
 from zpm2.errors import ConfigError, OutputError
-from zpm2.io import geojson
+from zpm2.formats import geojson
 from zpm2.local_match.unmatched import REASONS
 from zpm2.model import Image, Mask, PointMatches
+from zpm2.polygons.trace import trace
 from zpm2.result import MatchResult
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled import TiledMatcher, windows
-from zpm2.tiled import matcher as tiled
+from zpm2.tiled import whole as tiled
 
 H = np.array([[0.99, 0.05, 40.0], [-0.04, 1.01, 55.0], [-6e-6, 4e-6, 1]])
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0

@@ -7,8 +7,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.io.source import Held
 from zpm2.model import Image, Polygon
+from zpm2.photos.source import Held
 from zpm2.tiled.view import UPRIGHT, reduced_size, view
 
 WIDTH, HEIGHT = 400, 300

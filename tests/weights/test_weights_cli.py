@@ -9,9 +9,9 @@ from loopback import CONTENT, Server
 from typer.testing import CliRunner, Result
 
 from zpm2 import weights
+from zpm2.cli.weights import app
 from zpm2.errors import WeightsError
 from zpm2.weights import Entry, cache_dir
-from zpm2.weights_cli import app
 
 
 def run(*arguments: str) -> Result:

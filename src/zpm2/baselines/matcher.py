@@ -14,14 +14,15 @@ from zpm2.baselines.histograms import Costs, Counts, compare
 from zpm2.baselines.inner_distance import InnerDistance
 from zpm2.baselines.shape_context import ShapeContext
 from zpm2.config import Config
-from zpm2.detect.protocol import Segmenter
 from zpm2.errors import ConfigError, Failed
-from zpm2.io.source import ImageLike, opened
-from zpm2.messages import split
+from zpm2.guided.regions import RegionStages, no_matches
 from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
-from zpm2.regions import Clock, Progress, RegionStages, no_matches
+from zpm2.model.messages import split
+from zpm2.photos.source import ImageLike, opened
 from zpm2.result import MatchResult
-from zpm2.tiled.matcher import in_tiles, match_whole
+from zpm2.runtime import Clock, Progress
+from zpm2.segment.protocol import Segmenter
+from zpm2.tiled.whole import in_tiles, match_whole
 
 NOT_ESTIMATED = Failed("not estimated by this method")
 

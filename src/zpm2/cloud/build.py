@@ -17,10 +17,10 @@ from zpm2.cloud.tracks import Link, Sighting, Track, chain
 from zpm2.cloud.workspace import View
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
-from zpm2.messages import Note, about, split
 from zpm2.model import PosedCamera
-from zpm2.regions import Clock
+from zpm2.model.messages import Note, about, split
 from zpm2.result import MatchResult
+from zpm2.runtime import Clock
 
 Array = NDArray[np.float64]
 INSIDE = 0.9  # of a part's area lies in its whole

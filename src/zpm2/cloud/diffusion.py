@@ -21,8 +21,8 @@ from zpm2.cloud.shrink import spacing
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.trial import cast
 from zpm2.config import CloudConfig
-from zpm2.geometry import largest
 from zpm2.model import PosedCamera
+from zpm2.polygons.repair import largest
 
 Array = NDArray[np.float64]
 ROUND = 1.0  # steps: bays and capes of the cut that are narrower go

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from zpm2.cloud.result import CloudPatch, PolygonCloud
 from zpm2.cloud.surface import Surface, require_trimesh
 from zpm2.errors import MissingDependency
-from zpm2.io import geojson
-from zpm2.io.files import atomic_write
-from zpm2.io.images import read_image
+from zpm2.files.writing import atomic_write
+from zpm2.formats import geojson
+from zpm2.photos.images import read_image
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

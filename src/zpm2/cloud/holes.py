@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 from zpm2.cloud.surface import Surface, neighbors_of
-from zpm2.messages import Note
+from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

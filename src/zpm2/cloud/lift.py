@@ -16,8 +16,8 @@ from zpm2.cloud.trial import Fault, cast, faults
 from zpm2.cloud.walk import walk
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
-from zpm2.geometry import mended
 from zpm2.model import Polygon, PosedCamera
+from zpm2.polygons.repair import mended
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

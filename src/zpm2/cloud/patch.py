@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 from zpm2.cloud.lift import Lifted
 from zpm2.cloud.surface import Surface, crosses, paired_edges
 from zpm2.errors import Failed
-from zpm2.geometry import mended
 from zpm2.model import Camera, PosedCamera
+from zpm2.polygons.repair import mended
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

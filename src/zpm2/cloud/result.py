@@ -17,8 +17,8 @@ from zpm2.cloud.lift import Ring, outline_in
 from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import View
-from zpm2.io.files import atomic_write
-from zpm2.io.places import place
+from zpm2.files.places import place
+from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
 from zpm2.view.palette import distinct_colors

@@ -10,7 +10,7 @@ from zpm2.cloud.picture import three_views
 from zpm2.cloud.result import PolygonCloud
 from zpm2.cloud.scene import scene
 from zpm2.errors import Failed
-from zpm2.io.files import atomic_write, claim
+from zpm2.files.writing import atomic_write, claim
 
 NAMES = (
     *("patches.ply", "cloud.glb", "boundaries.geojson", "boundaries.wkt", "points.ply", "points.las"),

@@ -5,7 +5,7 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
-from zpm2.geometry import largest
+from zpm2.polygons.repair import largest
 
 Array = NDArray[np.float64]
 CELLS = 10_000  # samples of a polygon, about; larger polygons have a coarser grid

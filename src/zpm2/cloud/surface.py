@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.facets import triangulate
 from zpm2.errors import InputError, MissingDependency
-from zpm2.io.meshes import read_mesh
-from zpm2.messages import Note
+from zpm2.formats.meshes import read_mesh
 from zpm2.model.brief import brief
+from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.surface import FORMATS
 from zpm2.errors import InputError
-from zpm2.io import cameras as files
-from zpm2.io import colmap
-from zpm2.io.fit import checked, doubts
-from zpm2.io.inputs import image_size, natural, some_photographs
+from zpm2.files.listing import natural
+from zpm2.formats import cameras as files
+from zpm2.formats import colmap
 from zpm2.model import Camera, PosedCamera
+from zpm2.photos.listing import image_size, some_photographs
+from zpm2.stereo.camera_check import checked, doubts
 
 Array = NDArray[np.float64]
 NPZ = ("cameras.npz", "cameras_sphere.npz")

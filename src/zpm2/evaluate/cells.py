@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from zpm2.detect.vectorize import rasterize
 from zpm2.model import Polygon
+from zpm2.polygons.rasterize import rasterize
 
 Rows = NDArray[np.intp]
 
@@ -59,7 +59,7 @@ def to_cells(polygons: Sequence[Polygon], width: int, height: int) -> Cells:
 def polygon_pixels(polygon: Polygon, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
     """The window (rows, columns) of the image in which a polygon lies, and the pixels of the window that are its.
 
-    A pixel belongs to a polygon if its centre lies inside (`detect.vectorize.rasterize`): the area of a polygon along
+    A pixel belongs to a polygon if its centre lies inside (`polygons.rasterize.rasterize`): the area of a polygon along
     pixel edges is its number of pixels, and polygons that touch share none.
     """
     mask = rasterize(polygon.shape)

@@ -19,8 +19,8 @@ from scipy.spatial.distance import cdist
 from zpm2.errors import InputError
 from zpm2.evaluate.cells import Cells, Rows, to_cells
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth, Truth
+from zpm2.formats.maps import read_disparity, read_map
 from zpm2.geometry import project
-from zpm2.io.maps import read_disparity, read_map
 from zpm2.model import Polygon, PolygonArrays
 
 MIN_POINTS = 20  # co-visible points in either polygon, below which a pair cannot be judged

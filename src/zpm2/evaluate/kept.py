@@ -4,12 +4,12 @@ import dataclasses
 from pathlib import Path
 from typing import Literal
 
-from zpm2.detect.vectorize import rasterize
 from zpm2.errors import InputError
 from zpm2.evaluate import predictions
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.messages import Note
 from zpm2.model import Image, Mask, Polygon
+from zpm2.model.messages import Note
+from zpm2.polygons.rasterize import rasterize
 from zpm2.result import MatchResult
 
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from zpm2._version import __version__
 from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
-from zpm2.io.files import atomic_write, claim, output_folder
-from zpm2.io.keys import code, key
-from zpm2.io.places import is_content
-from zpm2.io.record import discard, keep, kept, made_folder
+from zpm2.files.keys import code, key
+from zpm2.files.places import is_content
+from zpm2.files.reading import WRONG, read_json
+from zpm2.files.record import discard, keep, kept, made_folder
+from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.pose import PoseResult
-from zpm2.reading import WRONG, read_json
 from zpm2.result import MatchResult
 
 T = TypeVar("T")

@@ -18,7 +18,7 @@ from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
-from zpm2.io.files import atomic_write, claim
+from zpm2.files.writing import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
 from zpm2.result import MatchResult

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from zpm2.features.protocol import PointMatcher
 from zpm2.model import Image, PointMatches
-from zpm2.turns import refuse_forked
+from zpm2.runtime import refuse_forked
 
 SAME_PX = 1.0  # px, in both images: two matches that are closer are one
 

@@ -7,8 +7,8 @@ from functools import cache
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError
 from zpm2.features.combined import Combined
-from zpm2.features.look_again import LookAgain
 from zpm2.features.protocol import PointMatcher, SparseMatcher
+from zpm2.features.rotated_retry import LookAgain
 from zpm2.features.sift import RatioMatcher, SiftDetector
 from zpm2.weights import Progress
 

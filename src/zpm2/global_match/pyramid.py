@@ -30,7 +30,7 @@ from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
 from zpm2.global_match.initial import Expected, InitialGeometry
 from zpm2.model import Image
-from zpm2.sampling import bilinear, pyramid
+from zpm2.photos.sampling import bilinear, pyramid
 
 Array = NDArray[np.float64]
 CHUNK = 64  # polygons correlated at a time; larger ones leave the processor's cache

@@ -14,7 +14,7 @@ from zpm2.errors import Failed
 from zpm2.global_match.initial import InitialGeometry
 from zpm2.global_match.pyramid import Placement, level_count
 from zpm2.model import Image
-from zpm2.sampling import pyramid
+from zpm2.photos.sampling import pyramid
 
 Array = NDArray[np.float64]
 Gray = NDArray[np.float32]

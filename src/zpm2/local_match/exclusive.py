@@ -19,8 +19,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.detect.vectorize import pieces, rasterize, reshaped, trace
 from zpm2.model import Mask, Polygon
+from zpm2.polygons.rasterize import rasterize
+from zpm2.polygons.shapes import reshaped
+from zpm2.polygons.trace import pieces, trace
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.bool_]

@@ -11,11 +11,14 @@ from scipy.spatial import cKDTree
 
 from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates, InitialGeometry, Placement
-from zpm2.local_match import assignment, rectify, shape, texture
+from zpm2.guided.prior import Guidance
+from zpm2.local_match import assignment, shape, texture
 from zpm2.local_match.confidence import confidence
-from zpm2.local_match.guidance import Guidance
 from zpm2.local_match.support import Support, lookup, support
 from zpm2.model import Image, PolygonArrays, PolygonMatch, Stage
+from zpm2.polygons import local_homography
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.transform import transformed
 
 Array = NDArray[np.float64]
 NEIGHBORS = 5  # matched polygons whose motion predicts an unmatched one's
@@ -53,9 +56,9 @@ class _Evaluator:
         self.initial, self.placement, self.config = initial, placement, config
         self.support: Support = support(initial.points, self.left, self.right)
         each = np.arange(len(self.left))
-        maps = rectify.placed_maps(Candidates(each, each), self.left, placement)
+        maps = local_homography.placed_maps(Candidates(each, each), self.left, placement)
         maps[~np.isfinite(maps).all((1, 2))] = np.eye(3)
-        frames = rectify.rectified_shapes(self.left, each, maps)
+        frames = transformed(self.left, each, maps)
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
         self.left_patches = texture.Patches(images[0], frames, np.linalg.inv(maps).astype(np.float64), config.patch)
         self.right_patches = texture.Patches(images[1], self.right.shapes, identity, config.patch)
@@ -67,13 +70,13 @@ class _Evaluator:
         config = self.config
         at = lookup(np.arange(len(self.support.pairs)), self.support.pairs, pairs)
         dsf = np.where(at >= 0, self.support.counts[np.maximum(at, 0)] if len(self.support.pairs) else 0, 0)
-        rectified = rectify.rectified_shapes(self.left, pairs.left, self._maps(pairs, at, dsf, placement))
-        overlap = rectify.overlaps(rectified, self.right.shapes[pairs.right])
+        rectified = transformed(self.left, pairs.left, self._maps(pairs, at, dsf, placement))
+        overlap = overlaps(rectified, self.right.shapes[pairs.right])
         agreement = self._agreement(pairs, dsf)
         near = overlap >= config.min_overlap
         if self.guidance is not None:  # a second hypothesis, of which the better one counts
             carried = self.guidance.carried.shapes[pairs.left]
-            other = rectify.overlaps(carried, self.right.shapes[pairs.right])
+            other = overlaps(carried, self.right.shapes[pairs.right])
             rectified, overlap = np.where(other > overlap, carried, rectified), np.maximum(overlap, other)
             near = self.guidance.believes(pairs, overlap, agreement) & (overlap >= config.min_overlap)
         rows = np.flatnonzero(near)
@@ -95,7 +98,7 @@ class _Evaluator:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
         point on, the placed map otherwise."""
         points = self.initial.points
-        matrices = rectify.placed_maps(pairs, self.left, placement)
+        matrices = local_homography.placed_maps(pairs, self.left, placement)
         matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
         some = np.flatnonzero(dsf > 0)
         if len(some) == 0:
@@ -110,7 +113,7 @@ class _Evaluator:
         if many.any():
             keep = many[group]
             renumbered = (np.cumsum(many) - 1)[group[keep]]
-            fitted = rectify.fit_homographies(points, point[keep], renumbered, matrices[some[many]])
+            fitted = local_homography.fit_homographies(points, point[keep], renumbered, matrices[some[many]])
             matrices[some[many]] = fitted
         return matrices
 

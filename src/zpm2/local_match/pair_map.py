@@ -6,9 +6,11 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates
-from zpm2.local_match import rectify
 from zpm2.local_match.support import lookup, support
 from zpm2.model import PointMatches, PolygonArrays
+from zpm2.polygons import local_homography
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.transform import transformed
 
 Array = NDArray[np.float64]
 
@@ -28,9 +30,7 @@ def pair_maps(
     size = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
     by_shape = _affine(size[:, None, None] * linear, left.centers, right.centers)
     each = np.arange(len(left))
-    overlap, other = (
-        rectify.overlaps(rectify.rectified_shapes(left, each, maps), right.shapes) for maps in (by_points, by_shape)
-    )
+    overlap, other = (overlaps(transformed(left, each, maps), right.shapes) for maps in (by_points, by_shape))
     trusted = (overlap >= other) | ((count >= gamma) & (overlap > 0))
     return np.where(trusted[:, None, None], by_points, by_shape)
 
@@ -56,7 +56,7 @@ def _by_points(
     if many.any():
         keep = many[group]
         renumbered = (np.cumsum(many) - 1)[group[keep]]
-        maps[some[many]] = rectify.fit_homographies(points, point[keep], renumbered, maps[some[many]])
+        maps[some[many]] = local_homography.fit_homographies(points, point[keep], renumbered, maps[some[many]])
     return maps, points_inside
 
 

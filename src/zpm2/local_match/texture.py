@@ -6,7 +6,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Image
-from zpm2.sampling import bilinear, pyramid
+from zpm2.photos.sampling import bilinear, pyramid
 
 Array = NDArray[np.float64]
 PAIRS = 256  # compared at a time

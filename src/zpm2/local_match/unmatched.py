@@ -7,9 +7,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.local_match.carry import Carried
-from zpm2.local_match.rectify import overlaps
 from zpm2.model import PolygonArrays
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.warp import Carried
 
 Reason = Literal["outside overlap", "occluded", "no candidate", "rejected"]
 REASONS: tuple[Reason, ...] = ("outside overlap", "occluded", "no candidate", "rejected")

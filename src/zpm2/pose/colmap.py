@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from zpm2.errors import Failed, InputError, OutputError
-from zpm2.io.colmap import colmap_can, require_pycolmap, to_pycolmap
-from zpm2.io.files import claim, why
-from zpm2.io.record import made_folder, put, scratch
+from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.writing import claim, why
+from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.pose.result import PoseResult
 
 

@@ -17,11 +17,11 @@ from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
 from zpm2.pose.estimators import Motion, PoseEstimator, open_estimator
 from zpm2.pose.focal import focal_from_points
-from zpm2.pose.intrinsics import centred
 from zpm2.pose.points import Correspondences, cell_of, region_of, spread, union
 from zpm2.pose.refine import Refined, blocks, refine
 from zpm2.pose.result import Pose, PoseResult
 from zpm2.result import MatchResult
+from zpm2.stereo.intrinsics import centred
 
 Array = NDArray[np.float64]
 CELLS = 8  # along each side of the left image: the places of points without a region, and the buckets of `spread`

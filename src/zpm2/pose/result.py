@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
-from zpm2.io.files import atomic_write, claim
-from zpm2.io.fit import doubts
+from zpm2.files.writing import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
 from zpm2.pose.points import Correspondences
 from zpm2.pose.refine import Refined
+from zpm2.stereo.camera_check import doubts
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-pose/1"

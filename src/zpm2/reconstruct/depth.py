@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.cloud.stereo import semi_global
 from zpm2.errors import Failed
+from zpm2.files.record import refuse_foreign
+from zpm2.files.writing import atomic_write
+from zpm2.formats.colmap import open_model, read_poses
 from zpm2.geometry import sight_angles
-from zpm2.io.colmap import open_model, read_poses
-from zpm2.io.files import atomic_write
-from zpm2.io.images import read_image
-from zpm2.io.record import refuse_foreign
 from zpm2.model import PosedCamera
-from zpm2.reconstruct.rectified import rectify_views
+from zpm2.photos.images import read_image
+from zpm2.stereo.dense import semi_global
+from zpm2.stereo.rectified import rectify_views
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]

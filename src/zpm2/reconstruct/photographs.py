@@ -5,8 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zpm2.io.colmap import require_pycolmap
-from zpm2.io.images import read_image
+from zpm2.formats.colmap import require_pycolmap
+from zpm2.photos.images import read_image
 
 ALIKE = 2.0  # grey levels: two decoders of one JPEG differ by less on average
 

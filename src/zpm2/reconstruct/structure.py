@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from zpm2.errors import InputError
-from zpm2.io.colmap import colmap_can, require_pycolmap, to_pycolmap
-from zpm2.io.record import made_folder, put, scratch
+from zpm2.files.record import made_folder, put, scratch
+from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.model import PosedCamera
 
 SEED = 0

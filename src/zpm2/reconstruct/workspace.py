@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from zpm2.errors import InputError
-from zpm2.io.colmap import colmap_can, open_model, require_pycolmap
-from zpm2.io.files import atomic_write, claim
-from zpm2.io.inputs import distinct_names, json_file
-from zpm2.io.keys import code, stamp
-from zpm2.io.meshes import read_mesh
-from zpm2.io.record import made_folder, put, scratch
+from zpm2.files.keys import code, stamp
+from zpm2.files.listing import distinct_names, json_file
+from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.writing import atomic_write, claim
+from zpm2.formats.colmap import colmap_can, open_model, require_pycolmap
+from zpm2.formats.meshes import read_mesh
 from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.photographs import as_png
@@ -63,7 +63,7 @@ def reconstruct(
 ) -> Reconstructed:
     """Reconstruct a workspace from photographs, or go on where an earlier run of the same was interrupted.
 
-    Photographs of one name in two folders keep their sub-folders (`io.inputs.distinct_names`); those that lie in the
+    Photographs of one name in two folders keep their sub-folders (`files.listing.distinct_names`); those that lie in the
     workspace's own images/ are used where they are.
 
     known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing

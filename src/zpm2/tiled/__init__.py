@@ -1,5 +1,5 @@
 """Photographs of any size, in bounded memory: tiles of several scales, stitched, matched in blocks."""
 
-from zpm2.tiled.matcher import TiledMatcher
+from zpm2.api import Matcher
 
 __all__ = ["TiledMatcher"]

@@ -16,12 +16,12 @@ from zpm2 import geometry
 from zpm2.config import Config, GlobalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Expected, InitialGeometry, place, search_candidates
-from zpm2.io.raster import Window
-from zpm2.io.source import Source
+from zpm2.guided.prior import Guidance
 from zpm2.local_match import one_to_one, possible_matches
-from zpm2.local_match.carry import Carried
-from zpm2.local_match.guidance import Guidance
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source
+from zpm2.polygons.warp import Carried
 from zpm2.tiled import windows
 from zpm2.tiled.cells import Cell, uncertainty
 from zpm2.tiled.view import View, reduced_size, view

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
-from zpm2.local_match.carry import Carried, carry, forwards
 from zpm2.model import PointMatches, PolygonArrays
+from zpm2.polygons.warp import Carried, carry, forwards
 
 Array = NDArray[np.float64]
 AROUND = 100  # points nearest to a cell that has fewer of its own

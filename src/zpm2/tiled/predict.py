@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.io.raster import Window
-from zpm2.io.source import Source
 from zpm2.model import PointMatches
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source
 from zpm2.tiled import windows
 
 Array = NDArray[np.float64]

@@ -22,23 +22,24 @@ from scipy.spatial import cKDTree
 
 from zpm2 import memory
 from zpm2.config import Config, TilesConfig
-from zpm2.detect.precomputed import PrecomputedSegmenter
-from zpm2.detect.protocol import PolygonSource
 from zpm2.errors import InputError
 from zpm2.features import PointMatcher
 from zpm2.features.combined import distinct
+from zpm2.files.places import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
-from zpm2.io.places import absolute
-from zpm2.io.raster import Window
-from zpm2.io.source import Source, reduced
-from zpm2.io.values import MIN_SIDE
+from zpm2.guided.regions import no_matches
 from zpm2.local_match.confidence import unsupported
-from zpm2.messages import Note, about, split
 from zpm2.model import THIN, Image, Mask, PointMatches, Polygon, PolygonArrays, Side, thin
+from zpm2.model.messages import Note, about, split
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source, reduced
+from zpm2.photos.values import MIN_SIDE
 from zpm2.pipeline import PolygonMatcher, explained
-from zpm2.regions import Clock, Progress, no_matches
 from zpm2.result import MatchResult
+from zpm2.runtime import Clock, Progress
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
+from zpm2.segment.protocol import PolygonSource
 from zpm2.tiled import tile as tiles
 from zpm2.tiled import windows
 from zpm2.tiled.blocks import match_blocks

@@ -14,11 +14,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.detect.vectorize import from_shape, with_parents
-from zpm2.geometry import largest
-from zpm2.io.raster import Window
-from zpm2.local_match.rectify import overlaps
 from zpm2.model import Polygon
+from zpm2.photos.raster import Window
+from zpm2.polygons.nest import with_parents
+from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.repair import largest
+from zpm2.polygons.shapes import from_shape
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]

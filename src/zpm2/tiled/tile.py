@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, OutputError
-from zpm2.io.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
-from zpm2.io.files import atomic_write, output_folder
-from zpm2.io.keys import key as key_of
-from zpm2.io.keys import stamp
-from zpm2.io.raster import Window
-from zpm2.io.source import Source
+from zpm2.files.keys import key as key_of
+from zpm2.files.keys import stamp
+from zpm2.files.reading import WRONG, parse_json, unpack_gzip
+from zpm2.files.writing import atomic_write, output_folder
+from zpm2.formats.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
 from zpm2.model import PointMatches, Polygon, Side
-from zpm2.reading import WRONG, parse_json, unpack_gzip
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source
 from zpm2.result import MatchResult
 from zpm2.tiled.view import View
 

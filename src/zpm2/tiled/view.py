@@ -9,10 +9,10 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.detect.vectorize import reshaped
-from zpm2.io.raster import Window
-from zpm2.io.source import Source
 from zpm2.model import Image, Polygon
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source
+from zpm2.polygons.shapes import reshaped
 
 Array = NDArray[np.float64]
 UPRIGHT = math.radians(20)  # turns up to this are left to the point matcher, so that pixels stay as they are

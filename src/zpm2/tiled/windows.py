@@ -3,7 +3,7 @@
 import math
 
 from zpm2.config import TilesConfig
-from zpm2.io.raster import Window
+from zpm2.photos.raster import Window
 
 STEP = 3  # width of a level's tiles, in tiles of the next finer one
 NEARLY = 1.25  # a level whose tiles are nearly as wide as the photograph brings nothing

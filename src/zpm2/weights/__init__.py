@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zpm2.errors import WeightsError
-from zpm2.turns import networks_loaded
+from zpm2.runtime import networks_loaded
 from zpm2.weights import licence
 from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
@@ -82,7 +82,7 @@ def load_state_dict(
 
     Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
     which is taken off. LighterGlue's file keeps its prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
-    `ForkError` in a child of a process that loaded some (`zpm2.turns`).
+    `ForkError` in a child of a process that loaded some (`zpm2.runtime`).
     """
     import pickle
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from zpm2.errors import WeightsError
-from zpm2.reading import read_json
+from zpm2.files.reading import read_json
 from zpm2.weights.manifest import entry
 from zpm2.weights.store import cache_dir, sha256_of, writing
 
@@ -24,7 +24,7 @@ def converted(name: str, key: str, convert: Callable[[Path], None]) -> Path:
     gets an empty folder. Size and hash of each file are checked; what lies there damaged, half-made or without its list
     is replaced, and a warning says so. `WeightsError` where the cache cannot be written.
     """
-    from zpm2.io.record import scratch, sweep  # here, as zpm2.io loads OpenCV
+    from zpm2.files.record import scratch, sweep  # here, as zpm2.formats loads OpenCV
 
     item = entry(name)
     folder = cache_dir() / "converted" / f"{item.name}-{key}"

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 from typing import Any
 from urllib.parse import unquote, urldefrag, urljoin
 
-from zpm2.reading import WRONG, parse_json
+from zpm2.files.reading import WRONG, parse_json
 from zpm2.weights.manifest import Carrier
 
 PAGE = 2**20  # bytes; each file of a project takes some hundred

@@ -8,7 +8,7 @@ import logging
 from pathlib import Path
 
 from zpm2.errors import WeightsError
-from zpm2.reading import read_text
+from zpm2.files.reading import read_text
 from zpm2.weights.manifest import Entry
 from zpm2.weights.store import cache_dir
 

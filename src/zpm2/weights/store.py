@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zpm2.errors import OutputError, WeightsError
-from zpm2.reading import read_json
+from zpm2.files.reading import read_json
 from zpm2.weights.manifest import MANIFEST, Entry
 
 Progress = Callable[[int, int], None]  # (bytes done, bytes in all)
@@ -98,7 +98,7 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
     `chunks` says its own failures as `SourceError`, which passes through; an `OSError` here is the cache's and becomes
     `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
     """
-    from zpm2.io.record import scratch  # here, as zpm2.io loads OpenCV
+    from zpm2.files.record import scratch  # here, as zpm2.formats loads OpenCV
 
     target = cache_dir() / item.file
     digest, done = hashlib.sha256(), 0
@@ -125,7 +125,7 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
 def _sweep(folder: Path) -> None:
     """Removes what killed runs left in the cache, if there is anything."""
     if any(folder.glob("*.part")):
-        from zpm2.io.record import sweep  # here, as zpm2.io loads OpenCV
+        from zpm2.files.record import sweep  # here, as zpm2.formats loads OpenCV
 
         sweep(folder)
 
@@ -187,7 +187,7 @@ def _marker(item: Entry) -> object:
 
 def _mark(item: Entry, path: Path) -> None:
     """Remember that this copy was verified. Where the cache cannot be written it is hashed at each start instead."""
-    from zpm2.io.files import atomic_write
+    from zpm2.files.writing import atomic_write
 
     marker = _marker_path(item)
     try:

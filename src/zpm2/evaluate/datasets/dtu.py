@@ -6,8 +6,9 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth
-from zpm2.io import cameras
-from zpm2.io.inputs import existing, folders, photographs, text
+from zpm2.files.listing import existing, folders, text
+from zpm2.formats import cameras
+from zpm2.photos.listing import photographs
 
 _CAMERAS = ("cameras.npz", "cameras_sphere.npz")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
-from zpm2.io.inputs import existing, folders
+from zpm2.files.listing import existing, folders
 
 SPLITS = ("training", "test")
 

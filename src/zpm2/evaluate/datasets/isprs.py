@@ -7,7 +7,8 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.io.inputs import existing, folders, photographs, text
+from zpm2.files.listing import existing, folders, text
+from zpm2.photos.listing import photographs
 
 
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from zpm2.evaluate.datasets.layout import found, path_name, together
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
-from zpm2.io.inputs import existing
+from zpm2.files.listing import existing
 
 SPLITS = ("training", "testing")
 SCALE = 256.0

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from zpm2.errors import InputError
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.io.inputs import natural, photographs
+from zpm2.files.listing import natural
+from zpm2.photos.listing import photographs
 
 
 def together(*where: Path) -> list[str]:

@@ -9,7 +9,8 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
-from zpm2.io.inputs import existing, folders, image_size
+from zpm2.files.listing import existing, folders
+from zpm2.photos.listing import image_size
 
 SCALES_2003 = {1500: 1.0, 750: 2.0, 375: 4.0}  # by image height px: full, half, quarter size
 SCALES_2006 = {1110: 1.0, 555: 2.0, 370: 3.0}  # full, half, third size

@@ -11,8 +11,8 @@ from typing import Any
 from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, HomographyTruth, PoseTruth, Truth
-from zpm2.io import cameras
-from zpm2.io.inputs import existing, json_file, text
+from zpm2.files.listing import existing, json_file, text
+from zpm2.formats import cameras
 
 KINDS = ("disparity", "depth", "pose", "homography")
 

@@ -8,8 +8,9 @@ import numpy as np
 from zpm2.errors import ConfigError
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, DepthTruth, EvalPair, PoseTruth
-from zpm2.io import cameras
-from zpm2.io.inputs import existing, folders, image_size, photographs
+from zpm2.files.listing import existing, folders
+from zpm2.formats import cameras
+from zpm2.photos.listing import image_size, photographs
 
 COLOUR = (1296, 968)  # px, of the pictures for which intrinsic_color.txt holds
 DEPTH = (640, 480)  # px, of the maps for which intrinsic_depth.txt holds

@@ -14,8 +14,9 @@ from zpm2.errors import InputError
 from zpm2.evaluate.datasets import scannet
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.pairs import Array, EvalPair
-from zpm2.io import cameras
-from zpm2.io.inputs import existing, image_size, text
+from zpm2.files.listing import existing, text
+from zpm2.formats import cameras
+from zpm2.photos.listing import image_size
 
 SPLITS = ("test", "sample")
 _FOLDERS = ("", "scannet_test_1500", "scans_test")

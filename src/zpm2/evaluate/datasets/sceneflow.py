@@ -6,7 +6,7 @@ from pathlib import Path
 from zpm2.errors import ConfigError
 from zpm2.evaluate.datasets.layout import found, path_name, together
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
-from zpm2.io.inputs import existing, folders
+from zpm2.files.listing import existing, folders
 
 SPLITS = ("TRAIN", "TEST", "driving", "monkaa")
 SUBSETS = ("flyingthings3d", "driving", "monkaa")

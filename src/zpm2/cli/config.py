@@ -1,0 +1,55 @@
+"""`zpm2 config`: what can be set, and what a run would use."""
+
+import json
+from typing import Annotated, Any
+
+import typer
+
+from zpm2.cli.console import Command, ConfigFile, Preset, Settings, configure
+
+app = typer.Typer(help="See what can be set (--set, --config), and to what.", no_args_is_help=True)
+
+
+@app.command("list", cls=Command)
+def list_(
+    preset: Preset = "default",
+    as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
+) -> None:
+    """Every field with its type, its value in the preset, its unit and meaning. For --set and --config."""
+    from zpm2 import config
+
+    rows = list(config.describe(config.preset(preset)))
+    if as_json:
+        names = "option", "type", "value", "meaning"
+        print(json.dumps([dict(zip(names, row, strict=True)) for row in rows], indent=1))
+        return
+    texts = [(name, kind, _word(value), meaning) for name, kind, value, meaning in rows]
+    width = [max(len(row[k]) for row in texts) for k in range(3)]
+    for row in texts:
+        print("  ".join([*(text.ljust(n) for text, n in zip(row, width, strict=False)), row[3]]).rstrip())
+
+
+@app.command(cls=Command)
+def show(
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON, which --config reads too.")] = False,
+) -> None:
+    """The whole configuration as TOML, to be changed and given to --config."""
+    values = configure(preset, config_file, settings, {}).to_dict()
+    if as_json:
+        print(json.dumps(values, indent=1))
+        return
+    stages = {name: value for name, value in values.items() if isinstance(value, dict)}
+    print("\n".join(f"{name} = {json.dumps(value)}" for name, value in values.items() if name not in stages))
+    for stage, fields in stages.items():
+        print(f"\n[{stage}]")
+        print("\n".join(f"{name} = {json.dumps(value)}" for name, value in fields.items()))
+
+
+def _word(value: Any) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, tuple):
+        return ",".join(map(str, value)) or "-"
+    return str(value).lower() if isinstance(value, bool) else str(value)

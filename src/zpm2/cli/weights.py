@@ -1,0 +1,137 @@
+"""`zpm2 weights`: see, fetch and check the pre-trained files."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from zpm2 import weights
+from zpm2.cli.console import lines, one_of
+from zpm2.errors import WeightsError
+from zpm2.weights.store import find
+
+app = typer.Typer(help="See, fetch and check the pre-trained weights.", no_args_is_help=True)
+
+NAMES = one_of(lambda: [item.name for item in weights.MANIFEST])
+Directory = Annotated[
+    Path | None,
+    typer.Option("--weights-dir", help="A folder of your own copies, looked into first (else ZPM2_WEIGHTS)."),
+]
+
+
+@app.command("list")
+def list_(
+    weights_dir: Directory = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything the manifest says, as JSON.")] = False,
+) -> None:
+    """What there is, under which licence, and where it lies on this machine."""
+    rows = weights.status(weights_dir)
+    if as_json:
+        fields = ("name", "file", "size", "sha256", "licence", "commercial_use", "terms", "purpose", "home")
+        values = [
+            {field: getattr(row.entry, field) for field in fields} | {"path": str(row.path) if row.path else None}
+            for row in rows
+        ]
+        print(json.dumps(values, indent=2))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("name", "MB", "here", "licence", "purpose", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.columns[0].no_wrap = table.columns[1].no_wrap = table.columns[2].no_wrap = True
+    table.columns[1].justify = "right"
+    for item, path in rows:
+        here = "-" if path is None else "cache" if path.parent == weights.cache_dir() else "yours"
+        table.add_row(item.name, f"{item.size / 1e6:.1f}", here, item.licence, item.purpose)
+    console = Console()
+    console.print(table)
+    console.print(f"cache: {weights.cache_dir()}", soft_wrap=True, highlight=False)
+
+
+@app.command()
+def get(
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or: all.", autocompletion=NAMES)
+    ],
+    weights_dir: Directory = None,
+    accept_licence: Annotated[
+        bool, typer.Option("--accept-licence", help="Accept the licence of weights that forbid commercial use.")
+    ] = False,
+) -> None:
+    """Fetch weights into the cache. `all` leaves out those whose licence must be accepted, unless it is."""
+    if "all" in names:
+        names = [item.name for item in weights.MANIFEST if item.commercial_use or accept_licence]
+    for item in map(weights.entry, names):
+        if accept_licence and not item.commercial_use:
+            print(f"{item.name}: {item.licence}, see {item.terms}", file=sys.stderr)
+
+    def fetch(name: str) -> str:
+        with _bar(name) as progress:
+            return str(weights.get(name, directory=weights_dir, accept_licence=accept_licence, progress=progress))
+
+    _each(names, fetch)
+
+
+@app.command()
+def verify(
+    name: Annotated[
+        str | None, typer.Argument(help="One name; without it, all that are here.", autocompletion=NAMES)
+    ] = None,
+    weights_dir: Directory = None,
+) -> None:
+    """Hash the files that are here anew and compare them with the manifest."""
+    if name:
+        print(f"{name}: {weights.verify(name, directory=weights_dir)} is right")
+        return
+
+    def check(name: str) -> str:
+        path = find(weights.entry(name), weights_dir, rehash=True)
+        return f"{path} is right" if path else "not here"
+
+    _each([item.name for item in weights.MANIFEST], check)
+
+
+@app.command()
+def path(
+    name: Annotated[str, typer.Argument(help="A name as `list` prints it.", autocompletion=NAMES)],
+    weights_dir: Directory = None,
+) -> None:
+    """Print where the verified file lies. Nothing is fetched."""
+    print(weights.locate(name, directory=weights_dir))
+
+
+def _each(names: list[str], action: Callable[[str], str]) -> None:
+    """Print what `action` says of each name. Of several names, one that fails does not stop the others."""
+    failed: list[str] = []
+    for name in names:
+        try:
+            print(f"{name}: {action(name)}")
+        except WeightsError as error:
+            if len(names) == 1:
+                raise
+            failed.append(name)
+            print(error, file=sys.stderr)
+    if failed:
+        raise WeightsError(f"{len(failed)} of {len(names)} weights failed, see above: {', '.join(failed)}")
+
+
+@contextmanager
+def _bar(name: str) -> Iterator[weights.Progress]:
+    """A progress bar on the error stream, shown once bytes arrive; a line now and then where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        with lines() as tell:
+            yield lambda done, total: tell(name, done / max(total, 1))
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task(name, total=None, visible=False)
+        yield lambda done, total: bars.update(task, completed=done, total=total, visible=True)

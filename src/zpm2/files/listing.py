@@ -1,0 +1,61 @@
+"""Files and folders of the user: what must be there, in a fixed order, small text files."""
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from zpm2.errors import InputError
+from zpm2.files import reading
+
+_RUNS = re.compile(r"[0-9]+|[^0-9]+")
+
+
+def existing(*candidates: Path) -> Path:
+    """The first of `candidates` that exists; `InputError` names every one that was looked for."""
+    for path in candidates:
+        if os.path.exists(path):  # which knows of no name that is too long, or has a NUL
+            return path
+    looked = " and ".join(str(path) for path in candidates)
+    raise InputError(f"looked for {looked}, not there: check the path, or complete the download")
+
+
+def folders(folder: Path) -> list[Path]:
+    """The sub-folders in natural order, hidden ones left out."""
+    return sorted((path for path in folder.iterdir() if path.is_dir() and path.name[0] != "."), key=natural)
+
+
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """A name for each of some files: its own, or where two are called the same, that below the folder of all."""
+    names = [path.name for path in paths]
+    if len(set(names)) == len(names):
+        return names
+    whole = [Path(os.path.abspath(path)) for path in paths]
+    common = os.path.commonpath([path.parent for path in whole])
+    return [path.relative_to(common).as_posix() for path in whole]
+
+
+def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
+    """Sorts scan9 before scan10, and what only differs in leading zeros by its letters."""
+    runs = _RUNS.findall(path.name)
+    return [(False, int(run), "") if run[0] in "0123456789" else (True, 0, run) for run in runs], path.name
+
+
+def text(path: Path) -> str:
+    """The content of a text file; `InputError` where it is missing or no UTF-8."""
+    try:
+        return reading.read_text(existing(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is no readable text file: copy or download it again") from error
+
+
+def json_file(path: Path) -> Any:
+    """The content of a JSON file; `InputError` says in which line it breaks."""
+    try:
+        return reading.parse_json(text(path).encode())
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path} is not valid JSON: {error.msg} in line {error.lineno}: correct the file") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON, {error}: correct the file") from error

@@ -1,0 +1,255 @@
+"""What runs of zpm2 made in an output folder, so that nothing else is ever replaced or removed.
+
+A claimed output folder has a hidden folder `.zpm2` that holds all that is temporary and, as its marker, `made.jsonl`: a
+line for the format, then a line for each file and folder that was made, written before it takes its name. In and below
+a claimed folder only files are replaced or removed that are on this record and were not changed since. A folder that
+nobody claimed has no record, and its files are the caller's affair.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from zpm2.errors import OutputError
+from zpm2.files.keys import fingerprint
+from zpm2.files.lock import Taken, locked
+from zpm2.files.reading import WRONG, parse_json
+
+HIDDEN = ".zpm2"
+RECORD = "made.jsonl"
+LOCK = "lock"  # of the run that is at work
+TILES = f"{HIDDEN}/tiles"  # of an interrupted run
+KEYS = f"{HIDDEN}/keys"  # of finished results
+FORMAT = {"format": "zpm2-folder/1"}
+FOLDER = "folder"  # in place of a fingerprint
+
+
+def mark(folder: Path) -> None:
+    """Makes the hidden folder, unless `folder` lies in a folder that is on a record already, and removes what killed
+    runs left in it. `OutputError` where something else has its name; `OSError`."""
+    home = _home(folder / HIDDEN)
+    if home is None or (home != _absolute(folder) and not _lies_in_made(folder, home)):
+        hidden = folder / HIDDEN
+        if os.path.lexists(hidden) and (hidden.is_symlink() or not hidden.is_dir() or any(hidden.iterdir())):
+            raise OutputError(f"{hidden} is not the folder that zpm2 keeps its files in: give another output folder")
+        hidden.mkdir(exist_ok=True)
+        _append(hidden / RECORD, FORMAT)
+        return
+    sweep(_parts(home))
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keeps other runs out of a claimed folder. `OutputError` where one is at work in it; `OSError`."""
+    home = _home(folder / HIDDEN)
+    if home is None:
+        yield
+        return
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(home / HIDDEN / LOCK))
+        except Taken:
+            raise OutputError(
+                f"another run is writing into {folder}: wait until it ends, or give another output folder"
+            ) from None
+        yield
+
+
+def unmark(folder: Path) -> None:
+    """Takes the hidden folder away where nothing that was made is there and nothing is kept for a later run."""
+    hidden = folder / HIDDEN
+    if _home(hidden) != _absolute(folder):
+        return
+    there = [name for name in _made(folder) if os.path.lexists(folder / name)]
+    if not there and not any(path.name not in (RECORD, "parts", "keys") for path in hidden.iterdir()):
+        _remove(hidden)
+
+
+def refuse_foreign(path: Path) -> None:
+    """`OutputError` where a claimed folder holds something of that name that no run made, or that was changed since.
+    An empty folder holds nothing."""
+    home = _home(path)
+    if home is None or not os.path.lexists(path) or _is_own(path, home):
+        return
+    plain = not path.is_symlink()
+    if plain and path.is_dir() and not any(path.iterdir()):
+        return
+    known = _made(home).get(_name(path, home), set())
+    if plain and (FOLDER in known if path.is_dir() else path.is_file() and fingerprint(path) in known):
+        return
+    what = "was changed since zpm2 wrote it" if known else "is there already, and is not on record as made by zpm2"
+    raise OutputError(f"{path} {what}: move it away, or give another output folder")
+
+
+def put(part: Path, target: Path) -> Path:
+    """Gives a finished file or folder its name, in the place of one that an earlier run made, and puts it on record."""
+    refuse_foreign(target)
+    for path in (part, *part.rglob("*")) if part.is_dir() else (part,):
+        _remember(target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
+    os.replace(part, target)
+    return target
+
+
+def made_folder(path: Path) -> Path:
+    """A folder that a run made, made now if it is not there. `OutputError` where it is somebody else's, or cannot be
+    made."""
+    try:
+        refuse_foreign(path)
+        home = _home(path)
+        if home is not None and FOLDER not in _made(home).get(_name(path, home), ()):
+            _remember(path, FOLDER)
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {path}: {error.strerror}") from error
+    return path
+
+
+def keep(folder: Path, key: str) -> None:
+    """Remembers the key (`keys.key`) of the finished results in a folder on the record. `OutputError`."""
+    file = _key_file(folder)
+    if file is None:
+        return
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(key, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {file}: {error.strerror}") from error
+
+
+def kept(folder: Path) -> str | None:
+    """The key that `keep` remembered."""
+    file = _key_file(folder)
+    return file.read_text(encoding="utf-8", errors="replace") if file is not None and file.is_file() else None
+
+
+def discard(path: Path) -> None:
+    """Removes a file that a run made, or something in the hidden folder with all that is in it, if it is there."""
+    home = _home(path)
+    if path.is_dir() and not (home is not None and _is_own(path, home)):
+        raise OutputError(f"{path} is a folder that others may have put files into: it is not removed")
+    refuse_foreign(path)
+    _remove(path)
+
+
+@contextlib.contextmanager
+def scratch(folder: Path) -> Iterator[Path]:
+    """A temporary folder for files on their way into `folder`, on the same disk; it goes away whatever happens.
+
+    It lies in the hidden folder of a claimed folder, else in `folder` itself. `OSError` where it cannot be made.
+    """
+    home = _home(folder / HIDDEN)
+    parent = folder
+    if home is not None:
+        parent = _parts(home)
+        parent.mkdir(exist_ok=True)
+    path = Path(tempfile.mkdtemp(prefix=f"{'' if home else '.'}{os.getpid()}-", suffix=".part", dir=parent))
+    try:
+        yield path
+    finally:
+        _remove(path)
+
+
+def abandon(folder: Path) -> None:
+    """Removes what this process had on its way into a claimed folder, where an interrupt came while `scratch` cleaned
+    up."""
+    with contextlib.suppress(OSError):  # no such folder, or none of that name can be
+        for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
+            _remove(part)
+
+
+def sweep(folder: Path) -> None:
+    """Removes what killed runs left of `scratch` in a folder that is all ours."""
+    for part in folder.glob("*.part"):
+        process = part.name.lstrip(".").partition("-")[0]
+        if process.isdecimal() and not _alive(int(process)):
+            _remove(part)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def _home(path: Path) -> Path | None:
+    """The nearest claimed folder around a path."""
+    return next((folder for folder in _absolute(path).parents if os.path.isfile(folder / HIDDEN / RECORD)), None)
+
+
+def _made(home: Path) -> dict[str, set[str]]:
+    """The record of a claimed folder: fingerprints by name. A line that a killed run did not finish does not count."""
+    file = home / HIDDEN / RECORD
+    made: dict[str, set[str]] = {}
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    if lines and lines[0] != json.dumps(FORMAT):  # without a line where a run was killed before it wrote one
+        raise OutputError(f"{file} is no record of zpm2: give another output folder")
+    for line in lines[1:]:
+        with contextlib.suppress(*WRONG):
+            values = parse_json(line.encode())
+            made.setdefault(str(values["name"]), set()).add(str(values["is"]))
+    return made
+
+
+def _remember(path: Path, what: str) -> None:
+    home = _home(path)
+    if home is not None and not _is_own(path, home):
+        _append(home / HIDDEN / RECORD, {"name": _name(path, home), "is": what})
+
+
+def _append(record: Path, values: dict[str, str]) -> None:
+    """Adds a line, after the one for the format, and not to one that a killed run did not finish."""
+    with record.open("a+b") as file:
+        end = file.seek(0, os.SEEK_END)
+        lines = [] if end or values is FORMAT else [FORMAT]
+        file.seek(max(end - 1, 0))
+        unfinished = file.read() not in (b"", b"\n")
+        text = "\n" * unfinished + "".join(json.dumps(line) + "\n" for line in [*lines, values])
+        file.write(text.encode())
+
+
+def _key_file(folder: Path) -> Path | None:
+    home = _home(folder)
+    return None if home is None else home / KEYS / _name(folder, home) / "key"
+
+
+def _lies_in_made(folder: Path, home: Path) -> bool:
+    """Whether a folder is the hidden one, or on the record, or lies in such a one."""
+    made, name = _made(home), Path(_name(folder, home))
+    return _is_own(folder, home) or any(FOLDER in made.get(p.as_posix(), ()) for p in (name, *name.parents))
+
+
+def _is_own(path: Path, home: Path) -> bool:
+    return Path(_name(path, home)).parts[:1] == (HIDDEN,)
+
+
+def _name(path: Path, home: Path) -> str:
+    return _absolute(path).relative_to(home).as_posix()
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.abspath(path))
+
+
+def _parts(home: Path) -> Path:
+    return home / HIDDEN / "parts"
+
+
+def _alive(process: int) -> bool:
+    """Whether a process is at work: its files stay. Windows does not let go of files that are open, and has no harmless
+    signal to ask with."""
+    if sys.platform == "win32":
+        return False
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True

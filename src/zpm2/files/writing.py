@@ -1,0 +1,138 @@
+"""Files out: whole or not at all, and into a folder that was seen to be writable before the work began."""
+
+import contextlib
+import errno
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from zpm2.errors import OutputError
+from zpm2.files import record
+
+_ON_WRITING = {  # what only writing meets, and what to do
+    errno.ENOSPC: "the disk is full; free some space",
+    errno.EDQUOT: "your share of the disk is full; free some space",
+    errno.EROFS: "permission denied, the disk can only be read; give a folder on another one",
+    errno.EFBIG: "a file would be larger than allowed; raise the limit (ulimit -f), or give another disk",
+}
+
+
+def atomic_write(path: str | Path, content: bytes | str) -> Path:
+    """Writes `content` (text as UTF-8) so that `path` holds all of it, or what it held before.
+
+    The bytes go to a temporary file, which then takes the name. Returns the path. `OutputError` when the folder does
+    not exist or is not writable, `path` is a folder, the disk is full, or, in a claimed folder (`claim`), `path` is a
+    file that zpm2 did not write; no temporary file stays.
+    """
+    path = Path(path)
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        with record.scratch(path.parent) as folder:
+            part = folder / "part"
+            part.write_bytes(data)
+            record.put(part, path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {why(error, path)}") from error
+    return path
+
+
+def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
+    """The folder for results, created where it is missing and tried out, so that a long run cannot fail at its end.
+
+    `OutputError` when `path` is a file (one of `inputs`, for instance), cannot be created, or cannot be written into.
+    """
+    path = Path(path)
+    for source in inputs:
+        if _same(path, Path(source)):
+            raise OutputError(f"output folder {path} is one of the input files: give another folder")
+    try:
+        str(path).encode()
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"output folder {path} is a file: give another folder")
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path) as file:
+            file.write(b"\0")
+    except OSError as error:
+        raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
+    except ValueError as error:  # a NUL, or what no file of text can hold
+        raise OutputError(f"output folder {path} has a name that is not UTF-8: give another folder") from error
+    return path
+
+
+def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] = ()) -> Path:
+    """The output folder (`output_folder`) of a caller who will write the files and folders `names` there.
+
+    From now on only what a run of zpm2 made is replaced in it (`record`). `OutputError` where one of the names is taken
+    by something else, by something that was changed since, or by one of `inputs`.
+    """
+    sources = [Path(source) for source in inputs]
+    folder = output_folder(path, sources)
+    try:
+        record.mark(folder)
+        for target in (folder / name for name in names):
+            record.refuse_foreign(target)
+            if any(_holds(target, source) for source in sources):
+                raise OutputError(f"{target} is an input and would be written over: give another output folder")
+    except OSError as error:
+        record.unmark(folder)
+        raise OutputError(f"cannot write into output folder {folder}: {why(error, folder)}") from error
+    except OutputError:
+        record.unmark(folder)
+        raise
+    return folder
+
+
+@contextlib.contextmanager
+def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """A claimed folder for a run, which is the only one in it. Where the run ends early and left nothing in it, what
+    was made of it goes again.
+
+    `OutputError` as from `claim`, where another run is at work in it, and for a disk that takes no more, whoever finds
+    that out.
+    """
+    fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
+    try:
+        folder = claim(path, names, inputs)
+        with record.alone(folder):
+            yield folder
+    except BaseException as error:
+        record.abandon(path)
+        record.unmark(path)
+        for folder in fresh:
+            with contextlib.suppress(OSError):  # not empty
+                folder.rmdir()
+        if isinstance(error, OSError) and error.errno in _ON_WRITING:
+            raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
+        raise
+
+
+def _holds(target: Path, source: Path) -> bool:
+    """Whether what is written to `target` would take the place of an input."""
+    return _same(target, source) or (target.is_dir() and target.resolve() in source.resolve().parents)
+
+
+def _same(a: Path, b: Path) -> bool:
+    try:
+        return a.samefile(b)
+    except OSError:
+        return False
+
+
+def why(error: OSError, path: Path) -> str:
+    """Why `path` could not be written and what to do, for the end of an `OutputError`'s line."""
+    if error.errno in _ON_WRITING:
+        return _ON_WRITING[error.errno]
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return "permission denied; give a folder that you may write to"
+    if error.errno == errno.ENAMETOOLONG:
+        return "the name is too long; give a shorter one"
+    if error.errno in (errno.ENOTDIR, errno.EEXIST):
+        return "a part of the path is a file, not a folder; give another path"
+    if error.errno in (errno.EISDIR, errno.ENOTEMPTY):
+        return "there is a folder of that name; give another path"
+    if error.errno == errno.ENOENT and os.path.isdir(path.parent):
+        return "it cannot be created there; give another path"
+    if error.errno == errno.ENOENT:
+        return f"the folder {path.parent} does not exist; create it first"
+    return (error.strerror or str(error)).lower()

@@ -1,0 +1,6 @@
+"""In and out: photographs read, result files written."""
+
+from zpm2.files.writing import atomic_write, claim, output_folder
+from zpm2.photos.images import read_image
+
+__all__ = ["atomic_write", "claim", "output_folder", "read_image"]

@@ -1,0 +1,94 @@
+"""COLMAP's binary models: cameras.bin and images.bin, each count in them held against the file's length.
+
+https://colmap.github.io/format.html. pycolmap reads them too, but believes what they say: seventy bytes take gigabytes.
+The other files (points3D.bin, rigs.bin, frames.bin) are not needed for cameras and poses.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from zpm2.files.reading import read_bytes
+
+CUT = "it is cut short, or no file of COLMAP"
+# name and number of parameters of each camera model, by its id in the file
+MODELS = {
+    0: ("SIMPLE_PINHOLE", 3),
+    1: ("PINHOLE", 4),
+    2: ("SIMPLE_RADIAL", 4),
+    3: ("RADIAL", 5),
+    4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8),
+    6: ("FULL_OPENCV", 12),
+    7: ("FOV", 5),
+    8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5),
+    10: ("THIN_PRISM_FISHEYE", 12),
+    11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4),
+    13: ("DIVISION", 5),
+    14: ("SIMPLE_FISHEYE", 3),
+    15: ("FISHEYE", 4),
+    16: ("EUCM", 6),
+    17: ("EQUIRECTANGULAR", 2),
+}
+POINT = 24  # bytes: x, y, and the id of its 3D point
+
+
+class _Bytes:
+    """A file, read from its start to its end; `ValueError` where it ends too early."""
+
+    def __init__(self, path: Path) -> None:
+        self.content, self.place = read_bytes(path), 0
+
+    def values(self, kinds: str) -> tuple[Any, ...]:
+        start = self.skip(struct.calcsize("<" + kinds))
+        return struct.unpack_from("<" + kinds, self.content, start)
+
+    def skip(self, size: int) -> int:
+        """The byte from which `size` bytes are left behind."""
+        start = self.place
+        if start + size > len(self.content):
+            raise ValueError(CUT)
+        self.place += size
+        return start
+
+    def name(self) -> str:
+        """Up to the next zero."""
+        end = self.content.find(b"\0", self.place)
+        if end < 0:
+            raise ValueError(CUT)
+        start = self.skip(end + 1 - self.place)
+        return self.content[start:end].decode("utf-8")
+
+    def count(self, least: int) -> int:
+        """The number of records of at least `least` bytes that follow."""
+        (number,) = self.values("Q")
+        if self.place + number * least > len(self.content):
+            raise ValueError(CUT)
+        return int(number)
+
+
+def cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], tuple[float, ...]]]:
+    """Of each camera: id, model, (width, height) px, parameters. `OSError` from the file, `ValueError` for what is in
+    it."""
+    file = _Bytes(path)
+    for _ in range(file.count(24)):
+        key, number, width, height = file.values("IiQQ")
+        if number not in MODELS:
+            raise ValueError(f"camera {key} is of a camera model that COLMAP numbers {number}, which is not known")
+        model, count = MODELS[number]
+        yield key, model, (width, height), file.values(f"{count}d")
+
+
+def images(path: Path) -> Iterator[tuple[str, int, tuple[float, ...], tuple[float, ...]]]:
+    """Of each registered image: name, id of its camera, quaternion (w, x, y, z) and translation, world to camera.
+
+    Errors as for `cameras`."""
+    file = _Bytes(path)
+    for _ in range(file.count(73)):
+        _, w, x, y, z, *shift, camera = file.values("I7dI")
+        name = file.name()
+        file.skip(file.count(POINT) * POINT)
+        yield name, camera, (w, x, y, z), tuple(shift)

@@ -1,0 +1,210 @@
+"""Polygons of one photograph as GeoJSON, in pixel coordinates and marked as such."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.files.writing import atomic_write
+from zpm2.formats.properties import OURS, apart, beside, described, plain
+from zpm2.model import Counterpart, Polygon
+
+FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
+ID_NAMES = ("id", "fid", "objectid")  # of properties that hold an id, as programs write them, whatever their case
+HIGHEST_SCORE = 1.1  # SAM predicts an IoU slightly above 1 at times
+LIMIT = 1e9  # px, a coordinate beyond it is no pixel of any image
+
+Rings = list[NDArray[np.float64]]  # exterior first, then holes, each (n, 2) image px, not repeated at the end
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """One feature of a file: its polygons as they stand there, not checked for validity."""
+
+    name: str  # how a message calls it
+    parts: tuple[Rings, ...]  # one for a Polygon, several for a MultiPolygon, none for any other geometry
+    id: int | None  # where the file's is a whole number
+    source_id: str | None  # the file's as text
+    score: float
+    label: str | None
+    properties: dict[str, Any]  # all others
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureCollection:
+    """What `parse` found: the features, and size and name of the photograph where the file says them."""
+
+    features: list[Feature]
+    size: tuple[int, int] | None  # (width, height) px
+    image_name: str | None
+
+
+def feature_collection(
+    polygons: Sequence[Polygon],
+    match_of: Mapping[int, Counterpart] | None,
+    image_name: str,
+    width: int,
+    height: int,
+    unmatched: Mapping[int, str] | None = None,
+) -> dict[str, Any]:
+    """The polygons of an image of `width` x `height` px as a GeoJSON FeatureCollection in image px.
+
+    `match_of` gives its match, `unmatched` why it has none, by polygon id. GeoJSON knows geographic coordinates only,
+    so the frame is named in the member "coordinate_frame", and "crs": null (GeoJSON 2008: no reference system) is for
+    programs that would take pixels for degrees. Exteriors run counter-clockwise by their numbers, as RFC 7946 wants, y
+    pointing down.
+    """
+    partners, reasons = match_of or {}, unmatched or {}
+    return {
+        "type": "FeatureCollection",
+        "coordinate_frame": FRAME,
+        "crs": None,
+        "image": {"name": image_name, "width": width, "height": height},
+        "features": [_feature(p, partners.get(p.id), reasons.get(p.id)) for p in polygons],
+    }
+
+
+def write(path: str | Path, collection: Mapping[str, Any]) -> Path:
+    """Writes a GeoJSON object, one feature a line, whole or not at all. Coordinates keep every bit."""
+    members = [
+        f"{json.dumps(name)}: {_dump(value) if name != 'features' else _lines(value)}"
+        for name, value in collection.items()
+    ]
+    return atomic_write(path, "{\n" + ",\n".join(members) + "\n}\n")
+
+
+def parse(data: Any, source: str) -> FeatureCollection:
+    """The features of a parsed GeoJSON FeatureCollection; `source` names the file in messages.
+
+    A feature's id stands beside its geometry or among its properties (`ID_NAMES`); "score" and "label" are properties.
+    Raises `InputError` for what is no FeatureCollection, for a reference system (coordinates are to be px), for broken
+    coordinates and for a wrong score.
+    """
+    features = data.get("features") if isinstance(data, dict) else None
+    if not isinstance(features, list) or data.get("type") != "FeatureCollection":
+        raise InputError(f"{source} is no GeoJSON FeatureCollection: write its polygons as one")
+    _check_frame(data, source)
+    ours = data.get("coordinate_frame") == FRAME
+    parsed = [_parse_feature(feature, f"feature {k} of {source}", ours) for k, feature in enumerate(features)]
+    image = data.get("image") if isinstance(data.get("image"), dict) else {}
+    width, height, name = (image.get(member) for member in ("width", "height", "name"))
+    size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
+    return FeatureCollection(parsed, size, name if isinstance(name, str) else None)
+
+
+def ring(values: Any, name: str) -> NDArray[np.float64]:
+    """(n, 2) float64 vertices of a list of positions (further numbers, as heights, are dropped), not repeated at the
+    end. `InputError` where a position is no pair of finite numbers; `name` says whose ring it is."""
+    try:
+        vertices = np.array([position[:2] for position in values], np.float64).reshape(len(values), 2)
+    except (TypeError, ValueError, KeyError, OverflowError) as error:
+        raise InputError(f"{name} has coordinates that are no list of [x, y] positions: correct the file") from error
+    if not (np.abs(vertices) < LIMIT).all():
+        raise InputError(f"{name} has a coordinate that is not a finite number of pixels: correct the file")
+    closed = len(vertices) > 1 and (vertices[0] == vertices[-1]).all()
+    return vertices[:-1] if closed else vertices
+
+
+def score(value: Any, name: str) -> float:
+    """A quality 0..1 from a file: 1 where it has none, cut at 1. `InputError` beyond `HIGHEST_SCORE`."""
+    if value is None:
+        return 1.0
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 <= value <= HIGHEST_SCORE:
+        raise InputError(
+            f"{name} has the score {value!r}: it must be a number from 0 to 1 (divide percentages by 100, or give what "
+            "is no quality another name)"
+        )
+    return min(float(value), 1.0)
+
+
+def region_id(value: Any) -> int | None:
+    """A whole number that is not negative, also where it is written as text or as 12.0 (as some programs write ids)."""
+    if isinstance(value, str) and value.isdecimal():
+        return int(value)
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
+
+
+def id_text(value: Any) -> str | None:
+    """An id of any kind as text; None where there is none."""
+    if value is None or value == "":
+        return None
+    number = region_id(value)
+    return plain(value) if isinstance(value, str) else json.dumps(value if number is None else number)
+
+
+def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+    """What a feature says of a polygon beside its outline, and what its source said."""
+    return {**described(polygon, partner, unmatched), **beside(polygon.properties, OURS)}
+
+
+def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+    rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
+    return {
+        "type": "Feature",
+        "id": polygon.id,
+        "properties": properties(polygon, partner, unmatched),
+        "geometry": {"type": "Polygon", "coordinates": rings},
+    }
+
+
+def _dump(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _lines(features: Sequence[Any]) -> str:
+    return "[\n" + ",\n".join(_dump(feature) for feature in features) + "\n]"
+
+
+def _check_frame(data: dict[str, Any], source: str) -> None:
+    """`InputError` where a collection, a feature or a geometry names a reference system (GeoJSON 2008)."""
+    for holder in (data, *data["features"]):
+        geometry = holder.get("geometry") if isinstance(holder, dict) else None
+        for member in (holder, geometry):
+            crs = member.get("crs") if isinstance(member, dict) else None
+            if crs is not None:
+                named = crs.get("properties") if isinstance(crs, dict) else None
+                name = named.get("name") if isinstance(named, dict) else None
+                raise InputError(
+                    f"{source} is in the reference system {name or json.dumps(crs)}, and regions are in pixels of the "
+                    'photograph: transform its coordinates, or remove "crs" if they are pixels'
+                )
+
+
+def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
+    """`ours`: of a file that `feature_collection` made."""
+    if not isinstance(feature, dict):
+        raise InputError(f"{name} is no GeoJSON feature: correct the file")
+    geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
+    if not isinstance(geometry, dict) or not isinstance(properties, dict):
+        raise InputError(f"{name} has a geometry or properties that are no objects: correct the file")
+    coordinates, kind = geometry.get("coordinates"), geometry.get("type")
+    parts = [coordinates] if kind == "Polygon" else coordinates if kind == "MultiPolygon" else []
+    if not isinstance(parts, list) or not all(isinstance(part, list) for part in parts):
+        raise InputError(f"{name} has coordinates that are no {kind}: correct the file")
+    label, own_id, source_id = properties.get("label"), _own_id(feature, properties), properties.get("source_id")
+    others = {key: value for key, value in properties.items() if key not in ("label", "score")}
+    return Feature(
+        name=name,
+        parts=tuple([ring(values, name) for values in part] for part in parts),
+        id=region_id(own_id),
+        source_id=id_text(source_id if ours and source_id is not None else own_id),
+        score=score(properties.get("score"), name),
+        label=None if label is None else plain(str(label)),
+        properties=plain(apart(properties, OURS) if ours else others),
+    )
+
+
+def _own_id(feature: dict[str, Any], properties: dict[str, Any]) -> Any:
+    """The feature's id, or else the first property that is one."""
+    if feature.get("id") is not None:
+        return feature["id"]
+    named = {key.lower(): value for key, value in reversed(properties.items()) if value is not None}
+    return next((named[name] for name in ID_NAMES if name in named), None)

@@ -1,0 +1,316 @@
+"""Polygons of the two photographs as files for a GIS: GeoPackage and shapefile (extra `geo`)."""
+
+import contextlib
+import errno
+import itertools
+import json
+import os
+import shutil
+import threading
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError, MissingDependency, OutputError
+from zpm2.files.record import discard, put, scratch
+from zpm2.files.writing import why
+from zpm2.formats.layer import Layer, feature_collection, square_meters, world_shapes
+from zpm2.formats.properties import PREFIX
+from zpm2.model import PolygonArrays, PolygonMatch
+from zpm2.model.messages import Note
+
+Array = NDArray[np.float64]
+
+GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
+NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for what a GeoPackage says of when it was written
+GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
+MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
+RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
+LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
+SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
+
+_SETTING = threading.Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns of a layer: name -> (n,) values. Null is NaN, None, or where `nulls` (for integers) is true."""
+
+    columns: dict[str, NDArray[Any]]
+    nulls: dict[str, NDArray[np.bool_]]
+
+    def with_properties(self, rows: Sequence[Mapping[str, Any]], driver: str) -> "_Table":
+        """And the properties that its n polygons were given with, each in a column of its own, as many as fit.
+
+        A name that is taken (formats do not tell upper from lower case) gets a prefix; where names are short, what is
+        cut alike gets a number. Columns of truth values, of whole numbers and of numbers stay so; all others are text,
+        JSON where a value is none.
+        """
+        columns, nulls = dict(self.columns), dict(self.nulls)
+        taken = {*columns, "source_id", *RESERVED}
+        for name in property_names(rows)[: MOST_PROPERTIES[driver]]:
+            column = "".join(letter if letter.isprintable() else " " for letter in name)
+            while column.lower() in taken or not column:
+                column = PREFIX + column
+            if driver == SHAPEFILE:
+                shorts = (_cut(column, f"_{k}" if k else "") for k in itertools.count())
+                column = next(short for short in shorts if short.lower() not in taken)
+            taken.add(column.lower())
+            columns[column], nulls[column] = _column([row.get(name) for row in rows])
+        return _Table(columns, nulls)
+
+
+def property_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The names of given properties, in the order in which they come."""
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def _cut(name: str, end: str) -> str:
+    """At most 10 bytes of a name, with `end`."""
+    return name.encode()[: 10 - len(end)].decode(errors="ignore") + end
+
+
+def require_pyogrio() -> Any:
+    """The package, or `MissingDependency`."""
+    try:
+        import pyogrio.raw
+    except ImportError as error:
+        raise MissingDependency('GeoPackage and shapefiles need pyogrio: pip install "zpm2[geo]"') from error
+    return pyogrio
+
+
+def has_pyogrio() -> bool:
+    """Whether `require_pyogrio` finds it."""
+    try:
+        require_pyogrio()
+    except MissingDependency:
+        return False
+    return True
+
+
+def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Sequence[PolygonMatch]) -> Path:
+    """Writes both photographs' polygons and the matches as one GeoPackage, whole or not at all; returns the path.
+
+    Two layers with the names and the coordinates (`world_shapes`) of `left` and `right`, each in the CRS of its own
+    photograph or in the undefined Cartesian one, with the fields polygon_id, area_px, area_m2 (null where no ground
+    sampling distance is known), score, parent, label, match (partner's polygon_id), match_id, confidence, unmatched; of
+    given regions source_id and their properties. And a table "matches" without geometry: match_id, left, right
+    (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it cannot be written, and `path` is then
+    what it was before.
+    """
+    path = Path(path)
+    with _moved_into(path.parent, path) as folder:
+        temporary = folder / "a.gpkg"
+        for layer in (left, right):
+            srs = {"SRID": "-1"} if layer.crs is None else {}
+            _write(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
+        _write(temporary, GPKG, "matches", _match_table(matches))
+        for suffix in LOG_FILES:  # of the file that was there: SQLite would apply them to the new one
+            discard(path.with_name(path.name + suffix))
+        put(temporary, path)
+    return path
+
+
+def write_shapefile(folder: str | Path, layer: Layer) -> Path:
+    """Writes the layer as `<name>.shp` and its side files into an existing folder; returns the path of the .shp.
+
+    Coordinates and fields are those of `write_geopackage`; text is UTF-8 and cut at 254 bytes, .prj is missing where
+    the CRS is unknown. The files are moved in when all are complete, and those of an earlier shapefile of that name
+    that are not replaced are removed. `OutputError` where it cannot be written.
+    """
+    target = Path(folder) / f"{layer.name}.shp"
+    with _moved_into(target.parent, target) as temporary:
+        table = _table(layer, SHAPEFILE)
+        undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
+        _write(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs, undated)
+        for suffix in reversed(SIDE_FILES):  # .shp last
+            part = temporary / f"{layer.name}{suffix}"
+            if part.exists():
+                put(part, target.with_suffix(suffix))
+            else:
+                discard(target.with_suffix(suffix))
+    return target
+
+
+def messages(layers: Sequence[Layer]) -> list[str]:
+    """What files for a GIS miss, and notes of how they are made."""
+    found: list[str] = []
+    for layer in layers:
+        geo, image = layer.geo, f"{layer.name} image"
+        if layer.by_rpc and geo.rpc is not None:
+            height = f"{geo.rpc['height_off']:g} m"
+            found.append(
+                Note(
+                    f"{image}: files for a GIS are in longitude and latitude at the mean height of its RPC, {height}: "
+                    "what lies higher or lower is shifted there"
+                )
+            )
+        elif geo.rpc and layer.crs is None:
+            found.append(f"{image}: its RPC does not reach all of its polygons: files for a GIS are in image px")
+        if geo.crs is None and geo.transform is not None:
+            found.append(
+                f"{image}: its geotransform has no reference system, results are in image px: assign the one it is in"
+            )
+        try:
+            _ = layer.crs is None or feature_collection(layer)
+        except InputError:
+            found.append(
+                f"{image}: its reference system has no longitude and latitude: {layer.name}.geojson is in image px"
+            )
+        given = len(property_names(polygon.properties for polygon in layer.polygons))
+        if given > min(MOST_PROPERTIES.values()):
+            found.append(
+                f"{layer.name} regions: of their {given} properties a shapefile has the first "
+                f"{MOST_PROPERTIES[SHAPEFILE]} and a GeoPackage the first {MOST_PROPERTIES[GPKG]}; GeoJSON has all"
+            )
+    if any(layer.crs is not None for layer in layers) and not has_pyogrio():
+        found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
+    return found
+
+
+def _table(layer: Layer, driver: str) -> _Table:
+    arrays = PolygonArrays(layer.polygons)
+    polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
+    partners = [layer.match_of.get(id) for id in ids]
+    parent, no_parent = _integers([polygon.parent for polygon in polygons])
+    match, no_match = _integers([None if partner is None else partner.polygon_id for partner in partners])
+    match_id, _ = _integers([None if partner is None else partner.match_id for partner in partners])
+    meters = square_meters(layer.geo)
+    columns = {
+        "polygon_id": arrays.ids,
+        "area_px": arrays.areas,
+        "area_m2": arrays.areas * (np.nan if meters is None else meters),
+        "score": np.array([polygon.score for polygon in polygons], np.float64),
+        "parent": parent,
+        "label": np.array([polygon.label for polygon in polygons], object),
+        "match": match,
+        "match_id": match_id,
+        "confidence": np.array([partner.confidence if partner else np.nan for partner in partners], np.float64),
+        "unmatched": np.array([layer.unmatched.get(id) for id in ids], object),
+    }
+    nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
+    if any(polygon.source_id is not None for polygon in polygons):
+        columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
+    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons], driver)
+
+
+def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
+    kinds = {
+        "match_id": np.int64,
+        "left": np.int64,
+        "right": np.int64,
+        "confidence": np.float64,
+        "cost": np.float64,
+        "dsf": np.int64,
+        "stage": object,
+        "overlap": np.float64,
+    }
+    members = {"match_id": "id"}
+    return _Table(
+        {name: np.array([getattr(m, members.get(name, name)) for m in matches], kind) for name, kind in kinds.items()},
+        {},
+    )
+
+
+def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """(n,) JSON values of any kinds in one type, and (n,) which of them are null."""
+    null = np.array([value is None for value in values], bool)
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {bool}:
+        return np.array([bool(value) for value in values], bool), null
+    fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
+    if kinds == {int} and fit:
+        return _integers(values)
+    if kinds in ({float}, {int, float}) and fit:
+        return np.array([np.nan if value is None else float(value) for value in values], np.float64), null
+    texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
+    return np.array(texts, object), null
+
+
+def _integers(values: Sequence[int | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    null = np.array([value is None for value in values], bool)
+    return np.array([value or 0 for value in values], np.int64), null
+
+
+def _write(
+    path: Path,
+    driver: str,
+    name: str,
+    table: _Table,
+    shapes: NDArray[np.object_] | None = None,
+    crs: str | None = None,
+    options: Mapping[str, str] | None = None,
+) -> None:
+    """One layer into a new file, or added to it; a table without `shapes`. `OSError` where the disk is full."""
+    pyogrio = require_pyogrio()
+    body = None if shapes is None else shapely.to_wkb(shapes)
+    rows = len(next(iter(table.columns.values())))
+    with warnings.catch_warnings(), _undated(pyogrio), _full_disk_named(path.parent, body, rows):
+        warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
+        warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
+        warnings.filterwarnings("ignore", ".*laundered", RuntimeWarning)  # names over 10 letters there
+        pyogrio.raw.write(
+            path,
+            body,
+            list(table.columns.values()),
+            list(table.columns),
+            [table.nulls.get(column) for column in table.columns],
+            layer=name,
+            driver=driver,
+            geometry_type=None if shapes is None else "Polygon",
+            crs=crs,
+            encoding="UTF-8",
+            append=path.exists(),
+            dataset_options={"VERSION": GEOPACKAGE} if driver == GPKG else {},
+            layer_options=dict(options or {}),
+        )
+
+
+@contextlib.contextmanager
+def _undated(pyogrio: Any) -> Iterator[None]:
+    """GDAL writes `EPOCH` for the time of writing, so that the same polygons give the same bytes, unless the user has
+    told it another time. The setting is the process's, so one thread at a time makes it."""
+    with _SETTING:
+        before = pyogrio.get_gdal_config_option(NOW)
+        pyogrio.set_gdal_config_options({NOW: before or f"{EPOCH}T00:00:00.000Z"})
+        try:
+            yield
+        finally:
+            pyogrio.set_gdal_config_options({NOW: before})
+
+
+@contextlib.contextmanager
+def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) -> Iterator[None]:
+    """GDAL says of a full disk only that a transaction failed, and has given the space back by then: so is there room
+    for about what was to be written?"""
+    try:
+        yield
+    except RuntimeError as error:
+        room = 2**20 + 300 * rows + 2 * sum(map(len, [] if body is None else body))
+        if "No space left" in str(error) or shutil.disk_usage(folder).free < room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
+        raise
+
+
+@contextlib.contextmanager
+def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
+    """A folder in `parent` for files on their way to `target`; it goes away whatever happens.
+
+    `OutputError` for what the system or GDAL have against the writing.
+    """
+    require_pyogrio()
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with scratch(parent) as folder:
+            yield folder
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {why(error, target)}") from error
+    except RuntimeError as error:  # all of pyogrio's
+        raise OutputError(f"cannot write {target}: {' '.join(str(error).split())}") from error

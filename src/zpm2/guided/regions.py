@@ -1,0 +1,151 @@
+"""What every method of matching polygons begins with: the device, the segmenter, and the polygons of both images."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from zpm2.config import Config
+from zpm2.files.places import absolute
+from zpm2.global_match import InitialGeometry
+from zpm2.guided import redetect
+from zpm2.guided.prior import Guidance
+from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.model.messages import about
+from zpm2.polygons.vectorize import vectorize
+from zpm2.runtime import Progress, Turns, resolve_device
+from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter
+
+
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """The regions of a pair, as the matcher takes them."""
+
+    images: tuple[Image, Image]
+    polygons: tuple[PolygonArrays, PolygonArrays]
+    messages: list[str]  # warnings, and notes (`messages`)
+    pair: redetect.Pair | None = None  # where the segmenter can be asked again
+    guidance: Guidance | None = None
+
+    def sides(self, matches: Sequence[PolygonMatch]) -> tuple[tuple[Side, Side], Sequence[PolygonMatch]]:
+        """Both sides of a result, and the matches by the ids that their polygons have there."""
+        polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
+        if self.pair is not None:
+            polygons, matches = redetect.settle(self.pair, matches)
+        left, right = (
+            Side(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
+        )
+        return (left, right), matches
+
+
+class RegionStages:
+    """The stages that every method of matching polygons shares: load the segmenter, find the polygons of both images.
+
+    Arguments are those of `PolygonMatcher`.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        segmenter: Segmenter | tuple[Segmenter, Segmenter] | None,
+        progress: Progress,
+        say: Callable[[str], None],
+    ) -> None:
+        self.config, self.progress, self.say = config, progress, say
+        self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
+        self.given = segmenter is not None
+        self._sides_done = 0
+        self.turns = Turns()  # of the threads that use one matcher
+
+    def load(self) -> tuple[Segmenter, Segmenter]:
+        """The segmenters of the left and the right image; SAM is loaded the first time, where no other was given."""
+        if self._segmenters is None:
+            from zpm2.segment.sam import SamSegmenter
+
+            device = resolve_device(self.config.device)
+            sam = SamSegmenter(self.config.segment, device, self.say, self._detect_progress, self.download)
+            sam.load()  # now, so that the time counts as loading
+            self._segmenters = (sam, sam)
+        return self._segmenters
+
+    def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "Detected":
+        """The polygons of both images: each image segmented alone, or, where `initial` is given, the configuration asks
+        for it, and the segmenter can be asked, the right one guided by the left one."""
+        segmenters, why_not = self.load(), None
+        if initial is not None and self.config.guided.direction != "off":
+            prompted = [segmenter for segmenter in segmenters if isinstance(segmenter, PromptedSegmenter)]
+            if any(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
+                pass  # polygons that are given are to be matched as they are
+            elif len(prompted) < 2:
+                why_not = "the segmenter takes no prompts: no guided re-detection"
+            elif not initial.supported:
+                why_not = "no geometry that could guide: each image was segmented alone"
+            else:
+                left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
+                pair = redetect.detect((left, right), initial, self.config, self._share)
+                return self._guided(images, pair, initial)
+        self._sides_done = 0
+        found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
+        (left, right), notes = zip(*found, strict=True)
+        messages = _messages(images, notes, (left, right)) + ([why_not] if why_not else [])
+        return Detected(images, (PolygonArrays(left), PolygonArrays(right)), messages)
+
+    def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
+        """The polygons of one image by the segmenter of that side, whatever the other image shows."""
+        return self._polygons(self.load()[side == "right"], image)[0]
+
+    def redetect(self, found: "Detected", matches: Sequence[PolygonMatch], initial: InitialGeometry) -> "Detected":
+        """`found` and what asking the left image about the unmatched right polygons adds."""
+        assert found.pair is not None
+        return self._guided(found.images, redetect.redetect(found.pair, matches, initial, self.config), initial)
+
+    def _guided(self, images: tuple[Image, Image], pair: redetect.Pair, initial: InitialGeometry) -> "Detected":
+        polygons = pair.left.polygons, pair.right.polygons
+        left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
+        left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
+        messages = _messages(images, (left_notes, right_notes), polygons)
+        guidance = redetect.guidance(pair, left, initial, self.config)
+        return Detected(images, (left, right), messages, pair, guidance)
+
+    def download(self, done: int, total: int) -> None:
+        """Tells `progress` how many bytes of weights have come."""
+        self.progress("load", done / max(total, 1))
+
+    def _share(self, share: float) -> None:
+        self.progress("detect", share)
+
+    def _detect_progress(self, share: float) -> None:
+        self._share((self._sides_done + share) / 2)
+
+    def _polygons(self, segmenter: Segmenter, image: Image) -> tuple[list[Polygon], list[str]]:
+        """The polygons of one side, and what the segmenter has to say about them."""
+        if isinstance(segmenter, PolygonSource):
+            found = segmenter.polygons(image)
+        else:
+            size = image.width, image.height
+            masks = [mask.within(image.valid) for mask in segmenter.segment(image)]
+            found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
+        self._sides_done += 1
+        return found, _notes(segmenter)
+
+
+def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:
+    """The warning that nothing was matched, where that is so."""
+    return [] if matches else ["no polygons were matched"]
+
+
+def _notes(segmenter: Segmenter) -> list[str]:
+    """What a segmenter has to say about its last image."""
+    return list(getattr(segmenter, "notes", []))
+
+
+def _messages(
+    images: tuple[Image, Image], notes: tuple[list[str], ...], polygons: tuple[list[Polygon], ...]
+) -> list[str]:
+    sides = ("left", "right")
+    found = [text for side, image in zip(sides, images, strict=True) for text in about(f"{side} image", image.notes)]
+    both = [note for note in notes[0] if note in notes[1]]  # said once, where it holds for both
+    found += both
+    for side, own in zip(sides, notes, strict=True):
+        found += about(f"{side} regions", [note for note in own if note not in both])
+    found += [f"no regions were found in the {s} image" for s, p in zip(sides, polygons, strict=True) if not p]
+    return found

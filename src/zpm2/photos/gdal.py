@@ -1,0 +1,196 @@
+"""GDAL (extra `geo`: rasterio), as far as it is let: local files of known formats, and nothing that these lead to.
+
+GDAL opens whatever a name or a file asks it for: addresses, archives, scripts, other files. So every file is checked
+before it is opened, with those that GDAL opens by itself, and only the driver of its format sees it. The settings hold
+while we open and read; GDAL's configuration of the machine or of other code stays as it is.
+"""
+
+import os
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from zpm2.errors import InputError, MissingDependency, Zpm2Error
+from zpm2.files.reading import regular
+from zpm2.photos import jpeg2000, values, vrt
+
+CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
+PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
+SIGNATURES = {  # how the files of a driver begin
+    "GTiff": rb"II\*\0|MM\0\*|II\+\0|MM\0\+",
+    "JPEG": rb"\xff\xd8\xff",
+    "PNG": rb"\x89PNG\r\n\x1a\n",
+    "JP2OpenJPEG": rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51",
+    "WEBP": rb"RIFF....WEBP",
+    "BMP": rb"BM",
+    "GIF": rb"GIF8[79]a",
+    "VRT": rb"(\xef\xbb\xbf)?\s*(<\?xml[^<>]*\?>)?\s*<VRTDataset",
+}
+HEAD = 1024  # bytes at the beginning, by which GDAL's drivers know their files
+DEEPEST = 8  # VRTs of VRTs
+SETTINGS = {
+    "GDAL_CACHEMAX": CACHE,
+    "GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO",  # the shortcut for whole PNG files takes what is missing of one for black
+    # what the checks refuse anyway
+    "GDAL_VRT_ENABLE_PYTHON": "NO",
+    "GDAL_VRT_ENABLE_RAWRASTERBAND": "NO",
+    "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
+}
+
+_PAGE = re.compile(r"(GTIFF_DIR:(?:off:)?\d+:)(.+)", re.DOTALL)  # of a TIFF, as GDAL lists its subdatasets
+_ELSEWHERE = re.compile(r"/vsi|[\w+.-]{2,}:")  # names that GDAL or rasterio take for none of a file
+_HFA = b"EHFA_HEADER_TAG"
+
+
+class Unopened(InputError):
+    """A file, or a colour model, that GDAL does not read; another library may."""
+
+
+def require_rasterio() -> Any:
+    """The package, or `MissingDependency`."""
+    try:
+        import rasterio
+        import rasterio.warp
+    except ImportError as error:
+        raise MissingDependency('reading rasters by windows needs rasterio: pip install "zpm2[geo]"') from error
+    return rasterio
+
+
+def open_file(path: str | Path, what: str) -> Any:
+    """rasterio's dataset of a file, or of one page of a TIFF (`GTIFF_DIR:2:a.tif`). All that GDAL opens for us is
+    opened here.
+
+    `InputError` for a missing or empty file, for names that are none of a local file, and for what leads elsewhere (a
+    VRT, an overview or mask file; see `photos.vrt`); `Unopened` for other formats and damaged files.
+    """
+    page, name = found.groups() if (found := _PAGE.fullmatch(str(path))) else ("", str(path))
+    rasterio = require_rasterio()
+    file = Path(os.path.abspath(name))  # absolute, no name means anything else than a file
+    if _ELSEWHERE.match(name) and not file.exists():
+        raise InputError(f"{what} does not exist, and only local files are read: download or convert it first")
+    with values.opened_file(file, what):  # names that no file can have are known here
+        pass
+    (_, driver), *others = _checked(file, what)
+    for other, its_driver in others:
+        _refuse_redirected(other, its_driver, what)
+    try:
+        with gdal(what):
+            source = rasterio.open(f"{page}{file}" if page else file, driver=driver)
+    except InputError as error:
+        raise Unopened(str(error)) from error
+    try:
+        with gdal(what):
+            _refuse_overviews_elsewhere(source, what)
+    except BaseException:
+        source.close()
+        raise
+    return source
+
+
+@contextmanager
+def gdal(what: str) -> Iterator[None]:
+    """GDAL with our settings; its errors become an `InputError`, its warnings nothing."""
+    with settings():
+        try:
+            yield
+        except Zpm2Error:
+            raise
+        except MemoryError as error:
+            raise values.no_memory(what) from error
+        except Exception as error:  # GDAL's errors have no public base class
+            if "not recognized as" in str(error):
+                raise values.unknown_format(what) from error
+            raise values.damaged(what, error.__cause__ or error) from error
+
+
+@contextmanager
+def settings() -> Iterator[None]:
+    """GDAL with our settings, for as long as it lasts."""
+    rasterio = require_rasterio()
+    with warnings.catch_warnings(), rasterio.Env(**SETTINGS):
+        warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
+        yield
+
+
+def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
+    """The file and all that GDAL opens with it, each with its driver."""
+    found: dict[Path, str] = {}
+    listed: dict[Path, dict[str, list[Path]]] = {}
+    beside = Path(os.path.realpath(file)).parent  # of links, the folder that GDAL resolves names from
+    unchecked = [(file, what, 0)]
+    while unchecked:
+        path, name, depth = unchecked.pop()
+        if path in found:
+            continue
+        if depth > DEEPEST:
+            raise InputError(f"{what} is a VRT of VRTs of VRTs, {DEEPEST} deep or without end: convert its parts first")
+        found[path] = _driver(path, name)
+        if found[path] == "VRT":
+            for source in vrt.sources(path, beside, name):
+                unchecked.append((source, f"source {source} of {what}", depth + 1))
+        sides = _side_files(path, name, listed)
+        unchecked += [(side, f"side file {side} of {what}", 0) for side in sides]
+    return list(found.items())
+
+
+def _driver(path: Path, what: str) -> str:
+    """The driver for a file by its first bytes. `Unopened` for other formats."""
+    with values.opened_file(path, what) as file:
+        head = file.read(HEAD)
+        if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
+            raise Unopened(f"{what} is damaged, its boxes have no end: copy or download it again")
+    for driver, signature in SIGNATURES.items():
+        if re.match(signature, head, re.DOTALL):
+            # drivers that go by a text in it, which GDAL may ask first about a source, see no further than to a zero
+            if driver != "VRT" and re.search(rb"[<{]", head.partition(b"\0")[0]):
+                break
+            return driver
+    raise Unopened(str(values.unknown_format(what)))
+
+
+def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:
+    """The overview and mask files that GDAL opens with a file, whatever they are. `InputError` where one is no TIFF.
+
+    listed: of folders, what their files are called in small letters; it is filled in here.
+    """
+    if path.parent not in listed:
+        names = listed[path.parent] = {}
+        for side in sorted(path.parent.iterdir()):
+            if side.suffix.lower() in (".ovr", ".msk", ".aux"):
+                names.setdefault(side.name.lower(), []).append(side)
+    name, found = path.name.lower(), []
+    for ending in (f"{name}.ovr", f"{name}.msk", f"{name}.aux", f"{path.stem.lower()}.aux"):
+        for side in listed[path.parent].get(ending, []):
+            try:
+                with regular(side).open("rb") as file:
+                    head = file.read(HEAD)
+            except OSError as error:
+                raise InputError(f"{what} has a side file {side}, which cannot be read: remove it") from error
+            if ending.endswith(".aux"):
+                if head.startswith(_HFA):
+                    raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")
+            elif head:
+                if not re.match(SIGNATURES["GTiff"], head):
+                    raise InputError(f"{what} has a side file {side}, which is no TIFF: remove it")
+                found.append(side)
+    return found
+
+
+def _refuse_redirected(path: Path, driver: str, what: str) -> None:
+    """As `_refuse_overviews_elsewhere`, for a file that GDAL opens with another one."""
+    try:
+        with gdal(what):
+            dataset = require_rasterio().open(path, driver=driver)
+    except InputError:  # damaged: GDAL opens it as little when it is needed, and says so
+        return
+    with gdal(what), dataset:
+        _refuse_overviews_elsewhere(dataset, what)
+
+
+def _refuse_overviews_elsewhere(dataset: Any, what: str) -> None:
+    """`InputError` for a file whose metadata name another one for its overviews, which can be anything anywhere."""
+    if dataset.tags(ns="OVERVIEWS"):
+        raise InputError(f"{what} names other files for its overviews: convert it first (gdal_translate)")

@@ -1,0 +1,177 @@
+"""From pixels of a raster to longitude and latitude and back: by reference system and transform, or by RPC."""
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import MissingDependency
+from zpm2.model import Georeference
+from zpm2.model.messages import Note
+
+Array = NDArray[np.float64]
+RPC_REACH = 2.0  # how far from their centre RPCs are believed, in units of their own scale
+
+_SEMI_MAJOR, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of WGS 84, m
+
+
+class Place(Protocol):
+    """Image px to degrees and back, (n, 2) each, NaN where there is no way."""
+
+    def to_lon_lat(self, points: Array) -> Array: ...
+    def from_lon_lat(self, degrees: Array) -> Array: ...
+
+
+class ByTransform:
+    """By a reference system, in rasterio's terms, and the map into it."""
+
+    def __init__(self, crs: Any, geo: Georeference) -> None:
+        self._crs, self._geo = crs, geo
+
+    def to_lon_lat(self, points: Array) -> Array:
+        return _wrapped(_warped(self._crs, "EPSG:4326", self._geo.to_world(points)), 0.0)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        return self._geo.to_image(_warped("EPSG:4326", self._crs, degrees))
+
+
+class ByRpc:
+    """By rational polynomial coefficients, on the surface of their mean height."""
+
+    def __init__(self, rpcs: Any) -> None:
+        self._rpcs = rpcs
+        self._center = np.array([rpcs.long_off, rpcs.lat_off])
+        self._reach = RPC_REACH * np.array([rpcs.long_scale, rpcs.lat_scale])
+
+    def to_lon_lat(self, points: Array) -> Array:
+        degrees = self._transformed(points, to_ground=True)
+        return _wrapped(np.where(self._far(degrees), np.nan, degrees), 0.0)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        degrees = _wrapped(degrees, float(self._center[0]))
+        return self._transformed(np.where(self._far(degrees), np.nan, degrees), to_ground=False)
+
+    def _far(self, degrees: Array) -> NDArray[np.bool_]:
+        """(n, 1) whether the polynomials are not to be believed there."""
+        return np.asarray((np.abs(degrees - self._center) > self._reach).any(axis=1, keepdims=True))
+
+    def _transformed(self, points: Array, to_ground: bool) -> Array:
+        from rasterio.transform import RPCTransformer
+
+        out = np.full(points.shape, np.nan)
+        rows = np.flatnonzero(np.isfinite(points).all(axis=1))
+        if len(rows):
+            x, y = points[rows].T
+            z = np.full(len(rows), float(self._rpcs.height_off))
+            options = {"RPC_PIXEL_ERROR_THRESHOLD": 1e-4, "RPC_MAX_ITERATIONS": 50}
+            with warnings.catch_warnings(), RPCTransformer(self._rpcs, **options) as transformer:
+                warnings.simplefilter("ignore")  # some points have no image
+                if to_ground:
+                    out[rows] = np.column_stack(transformer.xy(y, x, z, offset="ul"))
+                else:
+                    out[rows] = np.column_stack(transformer.rowcol(x, y, z, op=np.positive)[::-1])
+        return _finite(out)
+
+
+def place_of(
+    source: Any, width: int, height: int, gsd: float | None, notes: list[str]
+) -> tuple[Place | None, Georeference]:
+    """How pixels get to longitude and latitude, and what is known of that for the results."""
+    affine = source.transform
+    matrix = None if affine.is_identity else np.array(affine[:6], np.float64).reshape(2, 3)
+    if matrix is not None and not (np.isfinite(matrix).all() and np.linalg.det(matrix[:, :2])):
+        matrix = None
+    geo, rpcs = Georeference(_crs_text(source.crs), matrix), _rpcs(source)
+    place: Place | None = None
+    if geo.located and _reaches_ground(by_transform := ByTransform(source.crs, geo), width, height):
+        place = by_transform
+    elif rpcs is not None and _reaches_ground(by_rpc := ByRpc(rpcs), width, height):
+        place = by_rpc
+        notes.append(Note("Placed by its rational polynomial coefficients (RPC)."))
+    elif matrix is None and source.gcps[0]:
+        notes.append("Its ground control points are not used: warp it by them first to place it.")
+    if gsd is None and place is not None:
+        gsd = _pixel_size(place, width, height)
+    return place, Georeference(geo.crs, geo.transform, gsd, None if rpcs is None else rpcs.to_dict())
+
+
+def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
+    """The reference system that polygons of a photograph are written in for a GIS, and (n, 2) image px -> coordinates
+    of it: its own, or WGS 84 where RPCs alone place it, NaN beyond their reach; None where nothing does.
+    """
+    if geo.crs is not None and geo.transform is not None:
+        return geo.crs, geo.to_world
+    if not geo.rpc:
+        return None
+    try:
+        from rasterio.rpc import RPC
+    except ImportError as error:
+        raise MissingDependency('RPCs need rasterio: pip install "zpm2[geo]"') from error
+    try:
+        return "EPSG:4326", ByRpc(RPC(**geo.rpc)).to_lon_lat
+    except (TypeError, ValueError):  # some are missing or no numbers
+        return None
+
+
+def _crs_text(crs: Any) -> str | None:
+    if not crs:
+        return None
+    code = crs.to_epsg()
+    return crs.to_wkt() if code is None else f"EPSG:{code}"
+
+
+def _rpcs(source: Any) -> Any:
+    try:
+        return source.rpcs or None
+    except (KeyError, ValueError):  # some are missing or no numbers
+        return None
+
+
+def _reaches_ground(place: Place, width: int, height: int) -> bool:
+    spots = np.array([(x, y) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0)])
+    return bool(np.isfinite(place.to_lon_lat(spots * (width, height))).any())
+
+
+def _pixel_size(place: Place, width: int, height: int) -> float | None:
+    """m on the ground: the side of a square as large as a pixel in the middle of the image."""
+    step = 5.0  # px, enough for the digits of the longitudes and little enough for the curvature
+    cross = step * np.array([(-1, 0), (1, 0), (0, -1), (0, 1)]) + np.array([width / 2, height / 2])
+    lon, lat = np.radians(place.to_lon_lat(cross).T)
+    normal = _SEMI_MAJOR / np.sqrt(1 - _ECCENTRICITY_2 * np.sin(lat) ** 2)
+    east, north = np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon)
+    spots = np.column_stack([normal * east, normal * north, normal * (1 - _ECCENTRICITY_2) * np.sin(lat)])
+    area = float(np.linalg.norm(np.cross(spots[1] - spots[0], spots[3] - spots[2])))
+    return math.sqrt(area) / (2 * step) if np.isfinite(area) and area > 0 else None
+
+
+def _warped(source: Any, target: Any, points: Array) -> Array:
+    """(n, 2) coordinates of one reference system -> (n, 2) of another, NaN where there are none."""
+    from rasterio.warp import transform
+
+    out = np.full(points.shape, np.nan)
+    todo = [np.flatnonzero(np.isfinite(points).all(axis=1))]
+    while todo:
+        rows = todo.pop()
+        if len(rows) == 0:
+            continue
+        try:
+            out[rows] = np.column_stack(transform(source, target, points[rows, 0], points[rows, 1])[:2])
+        except Exception:  # GDAL's errors have no public base class; one point outside of a projection fails all
+            if len(rows) > 1:
+                todo += np.array_split(rows, 2)
+    return _finite(out)
+
+
+def _finite(points: Array) -> Array:
+    """NaN for every point that is not."""
+    return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
+
+
+def _wrapped(degrees: Array, center: float) -> Array:
+    """Longitudes within 180 degrees of `center`; those that are already stay as they are."""
+    lon = degrees[:, 0]
+    turns = np.where(np.abs(lon - center) > 180, np.floor((lon - center + 180) / 360), 0)
+    return np.column_stack([lon - 360 * turns, degrees[:, 1]])

@@ -1,0 +1,341 @@
+"""Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth.
+
+What is opened at all, `photos.gdal` says.
+"""
+
+import math
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import ConfigError, InputError
+from zpm2.model import Image
+from zpm2.model.messages import Note
+from zpm2.photos import gdal, pictures, values
+from zpm2.photos.gdal import Unopened
+from zpm2.photos.geolocation import place_of
+
+Array = NDArray[np.float64]
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
+
+LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
+CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+EACH = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
+SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+
+
+class Raster:
+    """A photograph in a file, read by windows. A context manager; `open_raster` makes it.
+
+    path; width, height: px.
+    geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
+    alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
+        gaps than transparent ones, of a kind that other libraries read alike.
+    """
+
+    held = 0  # bytes that are in memory all the time
+
+    def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
+        self._source, self._what = source, what
+        self.path, self.width, self.height = path, int(source.width), int(source.height)
+        overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
+        self._reduced_what = " or its overview file ".join([what, *overviews])
+        self._said = notes = list[str]()
+        self._bands = _chosen_bands(source, bands, what, notes)
+        kinds = [source.dtypes[band - 1] for band in self._bands]
+        if any("complex" in kind for kind in kinds):
+            raise InputError(f"{what} has complex values: give a raster of their magnitude")
+        self._type = np.result_type(*kinds)
+        self._mask_bands = _mask_bands(source, self._bands)
+        self._palette = _palette(source, self._bands, notes)
+        self._range = _few_bits(source, self._bands[0], notes) if self._palette is None else None
+        self._negative = source.tags(ns="IMAGE_STRUCTURE").get("MINISWHITE") == "YES" and self._palette is None
+        self._fills: list[NDArray[Any]] = []
+        gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
+        self._sampled = gaps_or_colors or self._type.kind == "f"
+        self.alpha = _has_alpha(source, self._bands)
+        known = not self._mask_bands or self.alpha
+        self.plain = source.driver in gdal.PICTURES and self._type == np.uint8 and known and self._range is None
+        if (self._sampled or self._type != np.uint8) and not self.plain:
+            self._look(notes)
+        self._place, self.geo = place_of(source, self.width, self.height, gsd, notes)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
+        if self._sampled and self.plain:  # not before it is asked for: others read such files at once
+            self._look(self._said)
+        with gdal.gdal(self._what):
+            return (*_file_notes(self._source, self.path), *self._said)
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
+
+        Pixels without data are 0 and not `valid`; they take no part in an average, and a reduced pixel is valid where
+        at least half of it is. `InputError` where the file is damaged there.
+        """
+        x0, y0, x1, y1 = window or (0, 0, self.width, self.height)
+        assert 0 <= x0 < x1 <= self.width, window
+        assert 0 <= y0 < y1 <= self.height, window
+        width, height = size or (x1 - x0, y1 - y0)
+        assert 0 < width <= x1 - x0, size
+        assert 0 < height <= y1 - y0, size
+        values.check_memory(width, height, EACH, self._what)
+        with gdal.gdal(self._what):
+            return self._read((x0, y0, x1, y1), width, height)
+
+    def _read(self, window: Window, width: int, height: int) -> Image:
+        x0, y0, x1, y1 = window
+        scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
+        across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
+        rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
+        rgb = np.empty((height, width, 3), np.uint8)
+        valid = np.ones((height, width), bool)
+        for top in range(0, height, rows):
+            bottom = min(top + rows, height)
+            part = (x0, y0 + top * scale_y, x1, y0 + bottom * scale_y)
+            seen, known = self._pixels(part, width * across, (bottom - top) * down, average=not self._sampled)
+            if across * down > 1:
+                seen, known = _means(seen, known, across, down)
+            if known is not None:
+                seen = np.where(known[..., None], seen, 0)
+                valid[top:bottom] = known
+            rgb[top:bottom] = self._to_8bit(seen)
+        if valid.all():
+            return Image(rgb, self.path, self.notes)
+        rgb[~valid] = 0
+        return Image(rgb, self.path, self.notes, valid)
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) longitude, latitude of WGS 84, degrees; NaN where there is no way.
+
+        By CRS and transform, or else by the rational polynomial coefficients at their mean terrain height.
+        """
+        points = np.asarray(points, np.float64).reshape(-1, 2)
+        return np.full(points.shape, np.nan) if self._place is None else self._place.to_lon_lat(points)
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        """(n, 2) longitude, latitude of WGS 84, degrees -> (n, 2) image px; NaN where there is no way."""
+        degrees = np.asarray(degrees, np.float64).reshape(-1, 2)
+        return np.full(degrees.shape, np.nan) if self._place is None else self._place.from_lon_lat(degrees)
+
+    @property
+    def placed(self) -> bool:
+        """Whether pixels have a longitude and latitude."""
+        return self._place is not None
+
+    @property
+    def files(self) -> list[str]:
+        """The file with all that GDAL reads for it: side files, parts of a mosaic."""
+        return list(self._source.files)
+
+    def close(self) -> None:
+        self._source.close()
+
+    def __enter__(self) -> "Raster":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _look(self, notes: list[str]) -> None:
+        """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
+        step = math.ceil(math.sqrt(self.width * self.height / LOOK))
+        size = max(1, self.width // step), max(1, self.height // step)
+        seen, valid = self._pixels((0, 0, self.width, self.height), *size)
+        if valid is not None:
+            notes += values.gap_notes(valid, self._what)
+        if self._type != np.uint8 and self._palette is None:
+            self._range, self._fills, more = values.look(seen, valid, guess=True)
+            self._sampled |= bool(self._fills)
+            notes += more
+
+    def _pixels(
+        self, window: tuple[float, float, float, float], width: int, height: int, average: bool = False
+    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+        """(height, width, bands) values and (height, width) where there is data, None for everywhere; the nearest
+        source pixels, or their average if asked for."""
+        from rasterio.enums import Resampling
+        from rasterio.windows import Window as Box
+
+        x0, y0, x1, y1 = window
+        how = {
+            "window": Box(x0, y0, x1 - x0, y1 - y0),
+            "resampling": Resampling.average if average else Resampling.nearest,
+        }
+        bands, masks = self._bands, self._mask_bands
+        reduced = width < x1 - x0 or height < y1 - y0
+        with gdal.gdal(self._reduced_what if reduced else self._what):
+            seen = self._source.read(bands, out_shape=(len(bands), height, width), out_dtype=self._type.name, **how)
+            valid = None
+            if masks:
+                valid = self._source.read_masks(masks, out_shape=(len(masks), height, width), **how).any(axis=0)
+        seen = np.moveaxis(seen, 0, -1)
+        if self._palette is not None:
+            seen = self._palette[np.minimum(seen[..., 0], len(self._palette) - 1)]
+            seen, valid = seen[..., :3], values.both(valid, seen[..., 3] > 0)
+        if self._type.kind == "f":
+            valid = values.both(valid, np.isfinite(seen).all(axis=2))
+        for fill in self._fills:
+            valid = values.both(valid, values.differs(seen, fill))
+        return seen, None if valid is None or valid.all() else valid
+
+    def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
+        if self._range is not None:
+            seen = values.scaled(seen, *self._range)
+        elif seen.dtype != np.uint8:
+            seen = np.rint(seen).astype(np.uint8)
+        return 255 - seen if self._negative else seen
+
+
+def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Raster:
+    """The raster in a file, of which nothing but a reduced look is read yet.
+
+    bands: which, from 1: one for grey or three for red, green, blue; default: those that the file marks so, else the
+        first one of at most two, else the first three. gsd: m/px, instead of what the file says. name: what error
+        messages call it, for example "left image".
+
+    8-bit values are taken as they are; all others become 8 bit by the rule of `images.read_image`, with one range for
+    the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity, and what fills the
+    border by the same rule.
+
+    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file (`Unopened`, where it
+    is GDAL that cannot), complex values, no pixel with data, a side under 32 px. `ConfigError` for bands that are not
+    there.
+    """
+    what = f"{name} {path}"
+    source = gdal.open_file(path, what)
+    try:
+        with gdal.gdal(what):
+            if not source.count:
+                raise InputError(f"{what} has no bands")
+            values.check_sides(source.width, source.height, what)
+            if os.path.exists(path):
+                values.check_length(source.width, source.height, source.driver, path, what)
+            values.check_memory(*_unpacked_at_once(source), what)
+            return Raster(source, str(path), what, bands, gsd)
+    except BaseException:
+        source.close()
+        raise
+
+
+def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
+    """Width and height of what GDAL must unpack to reach any pixel, the largest block or all of the file, and bytes for
+    each of its pixels."""
+    each = [np.dtype(kind).itemsize for kind in source.dtypes]
+    if source.driver == "WEBP" or (source.driver == "JPEG" and pictures.is_progressive(Path(source.name))):
+        return source.width, source.height, sum(each)
+    height, width = max(source.block_shapes, key=math.prod)
+    apart = source.driver == "GTiff" and source.tags(ns="IMAGE_STRUCTURE").get("INTERLEAVE") == "BAND"
+    return width, height, max(each) if apart else sum(each)
+
+
+def _file_notes(source: Any, path: str) -> list[str]:
+    pages = len(source.subdatasets)  # which GDAL looks up each time
+    notes = [pictures.first_page_note(pages)] if pages > 1 else []
+    if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
+        found = pictures.header(Path(path))
+        notes += [] if found is None else found[1]
+    overviews = Path(f"{path}.ovr")
+    if overviews.is_file() and not overviews.stat().st_size:
+        notes.append(f"The overview file {overviews.name} is empty and was ignored.")
+    structure = source.tags(ns="IMAGE_STRUCTURE")
+    model = structure.get("SOURCE_COLOR_SPACE", "RGB")
+    if model not in ("RGB", "YCbCr") or (model == "YCbCr" and "JPEG" not in structure.get("COMPRESSION", "")):
+        notes.append(Note(f"The colours were converted from {model} to RGB."))
+    return notes
+
+
+def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
+    from rasterio.enums import ColorInterp
+
+    count = int(source.count)
+    if bands:
+        if len(bands) not in (1, 3) or not all(1 <= band <= count for band in bands):
+            given, there = ",".join(map(str, bands)), f"{count} band{'s' if count > 1 else ''}"
+            raise ConfigError(f"bands {given}: {what} has {there}: give one (grey) or three (red,green,blue) from 1 on")
+        return list(bands)
+    marks = source.colorinterp
+    colors = [marks.index(c) + 1 for c in (ColorInterp.red, ColorInterp.green, ColorInterp.blue) if c in marks]
+    if len(colors) == 3:
+        return colors
+    if ColorInterp.cyan in marks or ColorInterp.Y in marks:
+        model = "CMYK" if ColorInterp.cyan in marks else "YCbCr"
+        raise Unopened(f"{what} has colour model {model}: convert it to RGB first")
+    found = [band for band in range(1, count + 1) if marks[band - 1] != ColorInterp.alpha] or [1]
+    if len(found) > 2:
+        first, second, third = found[:3]
+        names = f"Bands {first}, {second} and {third} of {count} are used as red, green and blue"
+        notes.append(f"{names}; choose with --bands.")
+        return found[:3]
+    if len(found) == 2:
+        notes.append(f"Band {found[0]} of {count} is used as grey; choose with --bands.")
+    return found[:1]
+
+
+def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
+    """The bands whose masks say where there is data (where any of them does); none where there is everywhere."""
+    from rasterio.enums import MaskFlags
+
+    flags = [source.mask_flag_enums[band - 1] for band in bands]
+    if any(MaskFlags.all_valid in f for f in flags):
+        return []
+    return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
+
+
+def _has_alpha(source: Any, bands: Sequence[int]) -> bool:
+    from rasterio.enums import MaskFlags
+
+    own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds one to what it converts
+    return own and all(MaskFlags.alpha in source.mask_flag_enums[band - 1] for band in bands)
+
+
+def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
+    """(n, 4) RGBA of the values of a band of palette indices."""
+    from rasterio.enums import ColorInterp
+
+    if len(bands) > 1 or source.colorinterp[bands[0] - 1] != ColorInterp.palette:
+        return None
+    colors = source.colormap(bands[0])
+    table = np.zeros((max(colors) + 1, 4), np.uint8)
+    table[list(colors)] = list(colors.values())
+    one_bit = _bits(source, bands[0]) == 1
+    notes.append(Note("1-bit values became black and white." if one_bit else "The colour palette was expanded to RGB."))
+    return table
+
+
+def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] | None:
+    """The range of values with less than 8 bits."""
+    bits = _bits(source, band)
+    if not 1 <= bits < 8:
+        return None
+    notes.append(Note(f"{bits}-bit values became {'black and white' if bits == 1 else '8-bit ones'}."))
+    return 0.0, 2.0**bits - 1
+
+
+def _bits(source: Any, band: int) -> int:
+    return int(source.tags(band, ns="IMAGE_STRUCTURE").get("NBITS", 8))
+
+
+def _samples(scale: float) -> int:
+    """How many source pixels along one side become a pixel."""
+    return int(scale) if scale in range(1, SAMPLES) else SAMPLES
+
+
+def _means(
+    values: NDArray[Any], known: NDArray[np.bool_] | None, across: int, down: int
+) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Means of `down` x `across` px of what is known, and where that is at least half of them."""
+    height, width, bands = values.shape[0] // down, values.shape[1] // across, values.shape[2]
+    values = values.reshape(height, down, width, across, bands)
+    if known is None:
+        return values.mean(axis=(1, 3)), None
+    known = known.reshape(height, down, width, across)
+    count = known.sum(axis=(1, 3))
+    total = np.where(known[..., None], values, 0).sum(axis=(1, 3), dtype=np.float64)
+    return total / np.maximum(count, 1)[..., None], 2 * count >= down * across

@@ -1,0 +1,194 @@
+"""Photographs of any size behind one face: kept in memory, or read from their file by windows where that pays."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError, MissingDependency
+from zpm2.model import Georeference, Image
+from zpm2.photos import pictures, values
+from zpm2.photos.gdal import Unopened
+from zpm2.photos.raster import Window, open_raster
+
+Array = NDArray[np.float64]
+ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
+LARGE = 16_000_000  # px, beyond which a file is read by windows
+_GEO_TAGS = {33550, 33922, 34264, 34735}  # of a TIFF: scale, tie points, transform, keys
+
+
+class Source(Protocol):
+    """A photograph of which windows are read."""
+
+    @property
+    def path(self) -> str | None: ...
+
+    @property
+    def files(self) -> Sequence[str]:
+        """What is read while a run lasts: the file, and those that go with it; none where it is in memory."""
+        ...
+
+    @property
+    def width(self) -> int:
+        """px"""
+        ...
+
+    @property
+    def height(self) -> int:
+        """px"""
+        ...
+
+    @property
+    def held(self) -> int:
+        """Bytes of it that are in memory all the time."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
+    @property
+    def geo(self) -> Georeference: ...
+
+    @property
+    def placed(self) -> bool:
+        """Whether pixels have longitude and latitude."""
+        ...
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """The window (all, where none is given), reduced to `size` (width, height) px."""
+        ...
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """(n, 2) image px -> (n, 2) degrees, WGS 84; NaN where there is no way."""
+        ...
+
+    def from_lon_lat(self, degrees: Array) -> Array:
+        """(n, 2) degrees -> (n, 2) image px; NaN where there is no way."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Held:
+    """A photograph that is in memory."""
+
+    placed = False
+    files = ()
+
+    def __init__(self, image: Image, notes: Sequence[str] = (), gsd: float | None = None) -> None:
+        self.image, self.path = image, image.path
+        self.width, self.height = image.width, image.height
+        self.notes = (*image.notes, *notes)
+        self.geo = Georeference(gsd=gsd)
+        self.held = image.rgb.nbytes + (0 if image.valid is None else image.valid.nbytes)
+
+    def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
+        """See `Source.read`."""
+        x0, y0, x1, y1 = window or (0, 0, self.width, self.height)
+        rgb, valid = self.image.rgb[y0:y1, x0:x1], self.image.valid
+        valid = None if valid is None else valid[y0:y1, x0:x1]
+        if size is not None and size != (x1 - x0, y1 - y0):
+            rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+            if valid is not None:
+                valid = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
+        return Image(rgb, self.path, self.notes, valid)
+
+    def to_lon_lat(self, points: Array) -> Array:
+        """Unknown."""
+        return np.full((len(points), 2), np.nan)
+
+    from_lon_lat = to_lon_lat
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Source:
+    """A photograph as a `Source`. This is where the library that reads a file is chosen.
+
+    A file is read by windows, through rasterio, where it is georeferenced, where `bands` are chosen, and where it has
+    more than 16 megapixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what GDAL does not
+    know, and everything where rasterio is missing, which is noted where it matters; by rasterio all other files. The
+    rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before the file's
+    own. Errors are those of `read_image` and `open_raster`.
+    """
+    if isinstance(source, str | Path):
+        return _open_file(Path(source), name, bands, gsd)
+    if bands:
+        raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
+    return Held(_from_memory(source, name), (), gsd)
+
+
+def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -> Source:
+    what = f"{name} {path}"
+    try:
+        raster = open_raster(path, name, bands, gsd)
+    except MissingDependency:
+        if bands:
+            raise
+        try:
+            return Held(pictures.read_file(path, what), _missed(path), gsd)
+        except pictures.UnknownFormat as error:
+            raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
+    except Unopened as error:
+        try:
+            image = pictures.read_file(path, what)
+        except pictures.UnknownFormat:
+            raise error from None  # which knows more about rasters
+        if bands:
+            raise InputError(f"{what}: bands are chosen from rasters that GDAL reads, it does not know this") from error
+        return Held(image, (), gsd)
+    large = raster.width * raster.height > LARGE
+    if raster.placed or raster.geo.transform is not None or bands or large:
+        return raster
+    with raster:
+        image = pictures.read_file(path, what) if raster.plain else raster.read()
+        dropped = raster.alpha and not raster.plain and image.valid is None
+    return Held(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
+
+
+def _from_memory(source: Any, name: str) -> Image:
+    if isinstance(source, Image):
+        values.check(source.rgb, name)
+        return source
+    if isinstance(source, PIL.Image.Image):
+        return pictures.from_picture(source, name)
+    if isinstance(source, np.ndarray):
+        return values.to_image(source, name)
+    raise InputError(f"{name}: expected a path, a numpy array or a PIL picture, got {type(source).__name__}")
+
+
+@contextlib.contextmanager
+def opened(
+    left: ImageLike, right: ImageLike, bands: Sequence[int] = (), gsd: Sequence[float] = ()
+) -> Iterator[tuple[Source, Source]]:
+    """Both photographs of a pair, closed at the end. `gsd`: none, one for both, or two."""
+    sides = [gsd[0], gsd[-1]] if gsd else [None, None]
+    with contextlib.ExitStack() as stack:
+        found = []
+        for source, name, each in ((left, "left image", sides[0]), (right, "right image", sides[1])):
+            found.append(open_source(source, name, bands, each))
+            stack.callback(found[-1].close)
+        yield found[0], found[1]
+
+
+def reduced(source: Source, longest: int) -> Image:
+    """All of a photograph with its longer side at most `longest` px."""
+    factor = min(1.0, longest / max(source.width, source.height))
+    return source.read(None, (max(1, round(source.width * factor)), max(1, round(source.height * factor))))
+
+
+def _missed(path: Path) -> list[str]:
+    """What is lost where rasterio is missing."""
+    notes = []
+    with contextlib.suppress(*pictures.DAMAGE), pictures.looked_at(path) as picture:
+        if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):
+            notes.append('Its georeference was not read: pip install "zpm2[geo]".')
+        if picture.width * picture.height > LARGE:
+            notes.append('It is held in memory as a whole; by windows with: pip install "zpm2[geo]".')
+    return notes

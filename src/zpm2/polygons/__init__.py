@@ -1,0 +1,1 @@
+"""Polygons and pixels: trace, rasterize, simplify, nest, overlap, warp."""

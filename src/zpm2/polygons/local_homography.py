@@ -1,0 +1,99 @@
+"""Local rectification (paper 3.4.1): a left polygon as the right image should show it.
+
+With enough homologous points inside both polygons (DSF >= gamma) a homography of the pair's own is fitted to them;
+otherwise the polygon goes to its place from the pyramid with the local affine part of the global homography.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.global_match import Candidates, Placement
+from zpm2.model import PointMatches, PolygonArrays
+
+Array = NDArray[np.float64]
+SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
+STEPS = 7  # of reweighting
+PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
+
+
+def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement) -> Array:
+    """(c, 3, 3) maps from the pyramid alone, right ~ map @ left: centre to place, with the local affine part of the map
+    that led there."""
+    center, jacobian = left.centers[candidates.left], placement.expected.linear[candidates.left]
+    matrices = np.zeros((len(candidates), 3, 3))
+    matrices[:, :2, :2] = jacobian
+    matrices[:, :2, 2] = placement.centers[candidates.left] - np.einsum("nij,nj->ni", jacobian, center)
+    matrices[:, 2, 2] = 1.0
+    return matrices
+
+
+def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array) -> Array:
+    """(g, 3, 3) one homography per group of points, all groups at once.
+
+    `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
+    `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
+    Linear least squares in normalised coordinates with Cauchy weights: first by the distance to the prior, then to the
+    last solution; their scale is the median residual first, SIGMA px in the end. Each matrix is scaled so that a
+    group's own mean has depth 1: the sign of matrix[2, 2], the depth of the image's corner, says nothing about a small
+    polygon far from it.
+    """
+    g = len(prior)
+    first = np.searchsorted(group, np.arange(g))
+    count = np.diff(np.append(first, len(group))).astype(float)
+    x, x_mean, x_size = _normalise(points.left[point], group, first, count)
+    u, u_mean, u_size = _normalise(points.right[point], group, first, count)
+    to_left, from_right = _similarity(x_mean, x_size), _inverse_similarity(u_mean, u_size)
+    start = np.linalg.inv(from_right) @ prior @ np.linalg.inv(to_left)  # the prior in normalised coordinates
+    start = (start / start[:, 2:, 2:]).reshape(g, 9)[:, :8]
+    pull = np.array([PRIOR_LINEAR] * 2 + [0] + [PRIOR_LINEAR] * 2 + [0] + [PRIOR_PROJECTIVE] * 2)
+    zero, one = np.zeros(len(x)), np.ones(len(x))
+    rows_u = np.stack([x[:, 0], x[:, 1], one, zero, zero, zero, -u[:, 0] * x[:, 0], -u[:, 0] * x[:, 1]], axis=1)
+    rows_v = np.stack([zero, zero, zero, x[:, 0], x[:, 1], one, -u[:, 1] * x[:, 0], -u[:, 1] * x[:, 1]], axis=1)
+    matrices = np.concatenate([start, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
+    for step in range(STEPS):
+        mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
+        depth = np.maximum(mapped[:, 2], 1e-3)
+        residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
+        sigma = SIGMA if step >= 3 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
+        weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
+        square = weight[:, None, None] * (rows_u[:, :, None] * rows_u[:, None] + rows_v[:, :, None] * rows_v[:, None])
+        right_side = weight[:, None] * (rows_u * u[:, :1] + rows_v * u[:, 1:])
+        normal = np.add.reduceat(square, first, axis=0) + np.diag(pull + 1e-9)
+        target = np.add.reduceat(right_side, first, axis=0) + (pull + 1e-9) * start
+        solution = np.linalg.solve(normal, target[:, :, None])[:, :, 0]
+        matrices = np.concatenate([solution, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
+    return np.asarray(from_right @ matrices @ to_left)
+
+
+def _normalise(
+    xy: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array
+) -> tuple[Array, Array, Array]:
+    """Points relative to their group's mean, in units of its root mean square radius."""
+    mean = np.add.reduceat(xy, first, axis=0) / count[:, None]
+    centred = xy - mean[group]
+    size = np.sqrt(np.add.reduceat((centred**2).sum(1), first) / count)
+    size = np.maximum(size, 1.0)
+    return centred / size[group, None], mean, size
+
+
+def _similarity(mean: Array, size: Array) -> Array:
+    matrices = np.zeros((len(mean), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = 1 / size
+    matrices[:, :2, 2] = -mean / size[:, None]
+    matrices[:, 2, 2] = 1
+    return matrices
+
+
+def _inverse_similarity(mean: Array, size: Array) -> Array:
+    matrices = np.zeros((len(mean), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = size
+    matrices[:, :2, 2] = mean
+    matrices[:, 2, 2] = 1
+    return matrices
+
+
+def _group_median(values: Array, group: NDArray[np.int64], first: NDArray[np.int64], count: Array) -> Array:
+    """(g,) the (lower) median of the `values` (k,) of each group; `first` (g,) and `count` (g,) delimit the groups."""
+    ordered = values[np.lexsort((values, group))]
+    return np.asarray(ordered[first + (count.astype(np.int64) - 1) // 2])

@@ -1,0 +1,27 @@
+"""Between shapely's polygons and ours."""
+
+import dataclasses
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.model import Polygon
+
+
+def from_shape(shape: shapely.Polygon, id: int, score: float = 1.0, label: str | None = None) -> Polygon:
+    """A shapely polygon (image px) as ours: exterior with a positive shoelace sum, holes with a negative one."""
+    holes = tuple(_ring(ring, positive=False) for ring in shape.interiors)
+    return Polygon(id, _ring(shape.exterior, positive=True), holes, score, None, label)
+
+
+def reshaped(polygon: Polygon, shape: shapely.Polygon) -> Polygon:
+    """The polygon with another outline (image px); all else that is known of it stays."""
+    outline = from_shape(shape, polygon.id)
+    return dataclasses.replace(polygon, exterior=outline.exterior, holes=outline.holes)
+
+
+def _ring(ring: shapely.LinearRing, positive: bool) -> NDArray[np.float64]:
+    """(n, 2) vertices without the closing one, turned so that the shoelace sum has the sign asked for."""
+    vertices = shapely.get_coordinates(ring)[:-1]
+    return np.ascontiguousarray(vertices if shapely.is_ccw(ring) == positive else vertices[::-1])

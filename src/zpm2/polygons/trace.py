@@ -1,0 +1,59 @@
+"""Masks to polygons along pixel edges, exact: areas are pixel counts."""
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.model import Mask
+
+
+def trace(bits: NDArray[np.bool_], x0: int = 0, y0: int = 0) -> list[shapely.Polygon]:
+    """The outlines of a (h, w) mask whose first pixel is column `x0`, row `y0`: one polygon per 4-connected piece, with
+    its holes, the largest first, along pixel edges and exact: areas are pixel counts. No vertex lies on a straight run.
+
+    >>> trace(np.ones((3, 4), bool))[0].area
+    12.0
+    """
+    return [
+        shapely.transform(outline_of_piece(part.bits), lambda xy, corner=(part.x0, part.y0): xy + corner)
+        for part in pieces(Mask(x0, y0, bits))
+    ]
+
+
+def pieces(mask: Mask, min_area: float = 0.0) -> list[Mask]:
+    """The 4-connected pieces of a mask with at least `min_area` pixels, each in its own crop, the largest first."""
+    if not mask.bits.any():
+        return []
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.bits.astype(np.uint8), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    found = []
+    for k in np.argsort(-areas, kind="stable"):
+        if areas[k] < min_area:
+            break
+        x, y, w, h = (int(v) for v in stats[k + 1, :4])
+        bits = labels[y : y + h, x : x + w] == k + 1
+        found.append(Mask(mask.x0 + x, mask.y0 + y, bits, mask.score, mask.label))
+    return found
+
+
+def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
+    """The exact polygon of one 4-connected piece that fills its (h, w) crop.
+
+    OpenCV walks through pixel centres. On the piece enlarged twice, the centre at k lies beside the pixel edge
+    (k + 1) // 2 of the original, for exteriors, holes and concave corners alike.
+    """
+    enlarged = bits.repeat(2, axis=0).repeat(2, axis=1).view(np.uint8)
+    contours, hierarchy = cv2.findContours(enlarged, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    rings = [_corners((contour.reshape(-1, 2) + 1) // 2) for contour in contours]
+    inner = hierarchy[0, :, 3] >= 0
+    exterior = rings[int(np.argmin(inner))]
+    return shapely.Polygon(exterior, [ring for ring, is_hole in zip(rings, inner, strict=True) if is_hole])
+
+
+def _corners(ring: NDArray[np.int32]) -> NDArray[np.float64]:
+    """An (n, 2) closed ring of horizontal and vertical steps without repeated and straight-on vertices."""
+    ring = ring[(ring != np.roll(ring, 1, axis=0)).any(1)]
+    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    turns = before[:, 0] * after[:, 1] != before[:, 1] * after[:, 0]
+    return np.asarray(ring[turns], np.float64)

@@ -1,0 +1,81 @@
+"""Who may run networks: one thread at a time, and no child that was forked from a process that had loaded some.
+
+Such a child lacks the threads that torch and OpenVINO compute with, and would wait for them for ever.
+"""
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any
+
+from zpm2.errors import ConfigError, ForkError
+
+_loaded_in: int | None = None  # the process that loaded networks first, this one or one that it was forked from
+
+
+def networks_loaded() -> None:
+    """Remembers that this process has networks. `ForkError` where it was forked from one that has."""
+    global _loaded_in
+    refuse_forked()
+    _loaded_in = os.getpid()
+
+
+def refuse_forked() -> None:
+    """`ForkError` in a process that was forked from one that had loaded networks."""
+    if _loaded_in not in (None, os.getpid()):
+        raise ForkError(
+            "this process was forked from one that had loaded networks, which would hang here: start processes with "
+            'multiprocessing.get_context("spawn"), or fork before the first match'
+        )
+
+
+class Turns:
+    """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
+
+    def __init__(self) -> None:
+        self._lock, self._process = threading.RLock(), os.getpid()
+
+    def __enter__(self) -> None:
+        refuse_forked()
+        if self._process != os.getpid():  # a thread that was not forked along may hold the lock for ever
+            self._lock, self._process = threading.RLock(), os.getpid()
+        self._lock.acquire()
+
+    def __exit__(self, *_: Any) -> None:
+        self._lock.release()
+
+
+Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
+
+
+def resolve_device(name: str) -> str:
+    """ "cpu" or "cuda" for "auto", "cpu" or "cuda"; `ConfigError` for any other, and for cuda where there is none."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise ConfigError(f"unknown device '{name}'; devices are: auto, cpu, cuda")
+    if name == "cpu":
+        return name
+    import torch
+
+    if torch.cuda.is_available():
+        return "cuda"
+    if name == "cuda":
+        raise ConfigError("device cuda is not available to torch on this machine; use --device cpu")
+    return "cpu"
+
+
+class Clock:
+    """Seconds by stage, of all times that it was entered; tells `progress` when one begins and ends."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self.progress = progress
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        self.progress(stage, 0.0)
+        start = perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + perf_counter() - start
+        self.progress(stage, 1.0)

@@ -1,0 +1,1 @@
+"""Regions that the user brings: label images, COCO JSON, GeoJSON, shapefiles."""

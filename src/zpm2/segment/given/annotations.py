@@ -1,0 +1,164 @@
+"""COCO's annotations, and SAM's automatic masks, which are much the same."""
+
+from collections.abc import Iterator
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.formats import coco, geojson
+from zpm2.formats.properties import apart, plain
+from zpm2.model import Image, Mask
+from zpm2.segment.given.region import Reader, Reading, Region, check_size, counted, other_photograph
+
+# members of an annotation that a polygon has under other names, or that follow from its outline
+TAKEN = {"id", "image_id", "category_id", "segmentation", "bbox", "area"}
+
+
+def open_annotations(path: Path, data: dict[str, Any]) -> Reader:
+    """The regions of a parsed file with the list "annotations", whose entries are objects.
+
+    `InputError` where none of them has a segmentation. Those without one are left out and counted.
+    """
+    annotations: list[dict[str, Any]] = data["annotations"]
+    if annotations and all(a.get("segmentation") is None for a in annotations):
+        raise InputError(f"{path} has annotations without a segmentation: boxes and key points are no regions")
+    info = data.get("info")
+    ours = isinstance(info, dict) and info.get("contributor") == coco.CONTRIBUTOR
+    names = {str(c.get("id")): str(c.get("name")) for c in objects(data.get("categories")) if c.get("name") is not None}
+
+    def read(image: Image) -> Reading:
+        entry = _entry(path, data, image)
+        notes = other_photograph(entry.get("file_name"), image)
+        if isinstance(entry.get("width"), int) and isinstance(entry.get("height"), int):
+            check_size(str(path), (entry["width"], entry["height"]), image)
+        of_image, strays = _of_image(data, entry)
+        found = []
+        for k in of_image:
+            annotation, name = annotations[k], f"annotation {k} of {path}"
+            if annotation.get("segmentation") is not None:
+                body = _segmentation(annotation["segmentation"], name, image)
+                found.append(_our_region(body, annotation, name) if ours else _region(body, annotation, names, name))
+        for n, what in (
+            (strays, "of no image that the file lists"),
+            (len(of_image) - len(found), "without a segmentation"),
+        ):
+            if n:
+                notes.append(f"{counted(n, 'annotation')} {what} left out")
+        return Reading(found, notes)
+
+    return read
+
+
+def objects(values: Any) -> Iterator[dict[str, Any]]:
+    """The objects of a list; none of anything else."""
+    return (value for value in values if isinstance(value, dict)) if isinstance(values, list) else iter(())
+
+
+def _region(
+    body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], names: dict[str, str], name: str
+) -> Region:
+    scored = "score" if annotation.get("score") is not None else "predicted_iou"
+    return Region(
+        body,
+        geojson.region_id(annotation.get("id")),
+        geojson.id_text(annotation.get("id")),
+        geojson.score(annotation.get(scored), name),
+        names.get(str(annotation.get("category_id"))),
+        plain({key: value for key, value in annotation.items() if key not in TAKEN | {scored}}),
+    )
+
+
+def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], name: str) -> Region:
+    """One of a file that `zpm2 match` wrote: with the polygon's own id, and with what it was given with."""
+    number = annotation.get("polygon_id")
+    source_id, label = annotation.get("source_id"), annotation.get("label")
+    return Region(
+        body,
+        geojson.region_id(number),
+        geojson.id_text(number if source_id is None else source_id),
+        geojson.score(annotation.get("score"), name),
+        None if label is None else str(label),
+        plain(apart(annotation, coco.OURS)),
+    )
+
+
+def _entry(path: Path, data: dict[str, Any], image: Image) -> dict[str, Any]:
+    """What the file says of the image: the only entry that it has (an empty one without any), else the one with the
+    image's file name."""
+    images = list(objects(data.get("images") or [data.get("image")]))
+    if len(images) > 1:
+        name = PureWindowsPath(image.path or "").name
+        images = [entry for entry in images if PureWindowsPath(str(entry.get("file_name"))).name == name]
+        if len(images) != 1:
+            raise InputError(
+                f"{path} describes several images, {len(images)} of them by the file name '{name}': one must"
+            )
+    elif not any("id" in entry for entry in images) and len({str(a.get("image_id")) for a in data["annotations"]}) > 1:
+        raise InputError(f"{path} has annotations of several images but not the images' names: add its list of images")
+    return images[0] if images else {}
+
+
+def _of_image(data: dict[str, Any], entry: dict[str, Any]) -> tuple[list[int], int]:
+    """The rows of the annotations of the image of that entry, and how many are of no image that the file lists."""
+    listed = {str(other["id"]) for other in objects(data.get("images")) if other.get("id") is not None}
+    images = [annotation.get("image_id") for annotation in data["annotations"]]
+    if not listed:
+        return list(range(len(images))), 0
+    alone = str(entry.get("id")) if len(listed) == 1 else None  # what does not say of which image it is, is of this one
+    names = [alone if image is None else str(image) for image in images]
+    rows = [k for k, name in enumerate(names) if name == str(entry.get("id"))]
+    return rows, sum(name not in listed for name in names)
+
+
+def _segmentation(segmentation: Any, name: str, image: Image) -> Mask | tuple[geojson.Rings, ...]:
+    if isinstance(segmentation, dict):
+        return _cropped(decode(segmentation, name, image))
+    if not isinstance(segmentation, list) or not all(isinstance(p, list) and len(p) % 2 == 0 for p in segmentation):
+        raise InputError(
+            f"{name} has a segmentation that is neither RLE nor lists of x, y, x, y, ...: correct the file"
+        )
+    return tuple([geojson.ring(list(zip(part[::2], part[1::2], strict=True)), name)] for part in segmentation)
+
+
+def decode(rle: dict[str, Any], name: str, image: Image) -> NDArray[np.bool_]:
+    """(h, w) pixels of COCO's run lengths, which go down the columns and start with background."""
+    size, counts = rle.get("size"), rle.get("counts")
+    if not isinstance(size, list) or len(size) != 2 or not all(isinstance(v, int) for v in size):
+        raise InputError(f"{name} has an RLE without its size [height, width]: correct the file")
+    check_size(name, (size[1], size[0]), image)
+    if isinstance(counts, str):
+        counts = run_lengths(counts, name)
+    runs = counts if isinstance(counts, list) and all(isinstance(n, int) and n >= 0 for n in counts) else []
+    if sum(runs) != size[0] * size[1]:
+        raise InputError(f"{name} has run lengths that do not add up to {size[1]} x {size[0]} px: write it anew")
+    return np.asarray(np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(size[1], size[0]).T)
+
+
+def run_lengths(text: str, name: str) -> list[int]:
+    """The numbers in a compressed RLE (COCO's maskApi.c, rleFrString, which takes damaged ones without a word).
+
+    Each character holds five bits, lowest first, and whether the number goes on; from the fourth number on it is the
+    difference to the last but one.
+    """
+    codes = np.array([ord(character) - 48 for character in text], np.int64)
+    last = codes & 32 == 0
+    starts = np.flatnonzero(np.r_[True, last[:-1]])[: len(codes)]
+    place = np.arange(len(codes)) - np.repeat(starts, np.diff(np.r_[starts, len(codes)]))
+    if not len(codes) or not last[-1] or (codes < 0).any() or (codes > 63).any() or place.max() > 6:
+        raise InputError(f"{name} has a compressed RLE that is damaged: write it anew")
+    numbers = np.add.reduceat((codes & 31) << (5 * place), starts)
+    numbers -= np.where(codes[last] & 16, 1 << (5 * (place[last] + 1)), 0)
+    numbers[1::2] = np.cumsum(numbers[1::2])
+    numbers[2::2] = np.cumsum(numbers[2::2])
+    return [int(n) for n in numbers]
+
+
+def _cropped(bits: NDArray[np.bool_]) -> Mask:
+    rows, columns = np.flatnonzero(bits.any(1)), np.flatnonzero(bits.any(0))
+    if not len(rows):
+        return Mask(0, 0, np.zeros((0, 0), bool))
+    crop = bits[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return Mask(int(columns[0]), int(rows[0]), np.array(crop, order="C"))

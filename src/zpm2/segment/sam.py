@@ -1,0 +1,169 @@
+"""SAM as a segmenter that can be asked: a photograph is encoded once, prompts get masks with scores.
+
+Masks stay at the decoder's resolution, 256 px along the longer side, until it is known which of them are wanted; only
+those are brought to the image's own.
+"""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.config import SegmentConfig
+from zpm2.errors import InputError
+from zpm2.model import Image, Mask, thin
+from zpm2.runtime import Turns
+from zpm2.segment import automatic, suppression
+from zpm2.segment.predictions import LOW, Answers, Floor, Prompts
+from zpm2.segment.sam_backend import SamBackend, open_backend
+
+SIDE = 1024  # px, what the image encoder sees
+SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
+TURNS = Turns()  # of all threads: whichever segmenter they ask, it takes all cores
+MEAN = np.array([123.675, 116.28, 103.53], np.float32)
+STD = np.array([58.395, 57.12, 57.375], np.float32)
+
+
+class SamSegmenter:
+    """SAM behind the `PromptedSegmenter` protocol. Loads its networks on first use and keeps them.
+
+    `notes` holds what a user should know about how it runs. `say` is told about a conversion in progress,
+    `progress` the share of an image's prompts that is done, 0..1, and `download` the bytes of missing weights.
+    """
+
+    def __init__(
+        self,
+        config: SegmentConfig,
+        device: str = "cpu",
+        say: Callable[[str], None] = lambda _: None,
+        progress: Callable[[float], None] = lambda _: None,
+        download: weights.Progress = lambda done, total: None,
+    ) -> None:
+        self.config, self.device = config, device
+        self.say, self.progress, self.download = say, progress, download
+        self.name: str = config.model
+        self.notes: list[str] = []
+        self._backend: SamBackend | None = None
+
+    def load(self) -> SamBackend:
+        """The networks, loaded (and converted, once per machine) when first asked for."""
+        config = self.config
+        with TURNS:
+            if self._backend is None:
+                self._backend = open_backend(config.model, config.backend, self.device, self.say, self.download)
+                if config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
+                    self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
+            return self._backend
+
+    def view(self, image: Image) -> "SamView":
+        """The photograph, encoded."""
+        return SamView(self.load(), image, self.config)
+
+    def segment(self, image: Image) -> list[Mask]:
+        """Every region that the prompts find, best score first."""
+        view = self.view(image)
+        found = view.masks(automatic.everything(view, self.config, progress=self.progress))
+        return [mask for mask in found if mask.area >= self.config.min_area]
+
+
+class SamView:
+    """One photograph as SAM sees it: in a 1024-px square. Encoded once, asked as often as wanted."""
+
+    def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
+        if thin(image.width, image.height):
+            raise InputError(
+                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see {SIDE} x "
+                f"{round(SIDE * min(image.width, image.height) / max(image.width, image.height))}: match it in tiles "
+                "(--tiles on)"
+            )
+        self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
+        self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
+        self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
+        self.size = decoded_size(image)
+        with TURNS:
+            self.parts = backend.image(encoder_input(image, self.scale))
+
+    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
+        """The masks of each prompt that reach `floor`, by prompt. Those of too low a predicted IoU are not decoded.
+
+        A point alone is ambiguous: it gets the masks of a whole, a part and a subpart. With a box, the mask that SAM
+        gives to unambiguous prompts comes in addition.
+        """
+        first = 1 if prompts.points.shape[1] <= SINGLE else 0
+        starts = range(0, len(prompts), self.batch)
+        found = [self._ask(prompts[s : s + self.batch], s, first, floor) for s in starts]
+        return Answers.join([Answers.none(self.size), *found])
+
+    def _ask(self, prompts: Prompts, start: int, first: int, floor: Floor) -> Answers:
+        sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
+        with TURNS:  # what a network returns is its own memory
+            iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
+            iou, hyper = iou[:, first:], hyper[:, first:]
+            rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
+            if len(rows) == 0:
+                return Answers.none(self.size)
+            logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
+            iou = iou[rows]  # a copy
+        good = iou >= floor.predicted_iou
+        logits, score = logits[good], iou[good]
+        inner = (logits > self.config.stability_offset).sum((1, 2))
+        outer = (logits > -self.config.stability_offset).sum((1, 2))
+        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
+        keep = (stability >= floor.stability) & (inner > 0)
+        prompt = start + rows[np.nonzero(good)[0][keep]]
+        return Answers(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
+
+    def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
+        """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
+        covered = np.zeros((len(shapes), *self.size), np.uint8)
+        for k in np.flatnonzero(~shapely.is_empty(shapes)):
+            for part in shapely.get_parts(shapes[k]):
+                for ring, value in ((part.exterior, 1), *((hole, 0) for hole in part.interiors)):
+                    corners = np.round((shapely.get_coordinates(ring) * self.low - 0.5) * 16)
+                    cv2.fillPoly(covered[k], [np.clip(corners, -(2**24), 2**24).astype(np.int32)], value, shift=4)
+        return covered.astype(bool)
+
+    def masks(self, answers: Answers) -> list[Mask]:
+        """Each answer at the image's resolution, without pixels that hold no data."""
+        if len(answers) == 0:
+            return []
+        each = zip(answers.logits, suppression.boxes(answers.bits), answers.score, strict=True)
+        found = (upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each)
+        return [mask.within(self.image.valid) for mask in found]
+
+
+def decoded_size(image: Image) -> tuple[int, int]:
+    """(height, width) px of a decoded mask: the image with LOW px along its longer side."""
+    height, width = -(-np.array([image.height, image.width]) * LOW // max(image.width, image.height))
+    return int(height), int(width)
+
+
+def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
+    """(1, 3, 1024, 1024): the image resized by `scale`, normalised, padded with zeros at the right and bottom."""
+    w, h = min(SIDE, max(1, round(image.width * scale))), min(SIDE, max(1, round(image.height * scale)))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(image.rgb, (w, h), interpolation=how).astype(np.float32)
+    square = np.zeros((1, 3, SIDE, SIDE), np.float32)
+    square[0, :, :h, :w] = ((small - MEAN) / STD).transpose(2, 0, 1)
+    return square
+
+
+def upsample(logits: NDArray[np.float16], box: NDArray[np.int64], image: Image, scale: float, score: float) -> Mask:
+    """A decoded mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
+    size = SIDE / LOW / scale  # image px of one low-resolution pixel
+    x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])
+    if x1 <= x0 or y1 <= y0:
+        return Mask(0, 0, np.zeros((1, 1), bool), score)
+    to_low = np.array([[1 / size, 0, (x0 + 0.5) / size - 0.5], [0, 1 / size, (y0 + 0.5) / size - 0.5]])
+    fine = cv2.warpAffine(
+        logits.astype(np.float32),
+        to_low,
+        (int(x1 - x0), int(y1 - y0)),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return Mask(int(x0), int(y0), fine > 0, score)

@@ -1,0 +1,228 @@
+"""What runs SAM's three networks: torch (the reference, and the GPU's way) or OpenVINO (the fast way on a CPU).
+
+OpenVINO's graphs are converted once from the torch networks and kept beside the weights, in a folder whose name holds
+everything that they depend on: the weights' hash, this file's `VERSION`, and the versions of openvino and torch.
+"""
+
+import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from math import isqrt
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.errors import ConfigError, MissingDependency
+from zpm2.runtime import networks_loaded
+
+Array = NDArray[np.float32]
+Say = Callable[[str], None]
+
+VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
+WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
+NETWORKS = ("image", "prompt", "mask")
+TOKEN = 4  # px of a decoded mask under an image token, along each side
+CPU_BATCH, GPU_BATCH = 16, 64  # prompts at a time: 4 MB of image tokens each
+
+
+class SamBackend(Protocol):
+    """The three networks of `sam_network`, arrays in and arrays out. What `image` returns is for `prompt` only."""
+
+    name: str
+    batch: int  # prompts at a time, at most
+
+    def embed(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> Array:
+        """`sam_network.PromptEmbedding`."""
+
+    def image(self, pixels: Array) -> Any:
+        """(1, 3, 1024, 1024) -> the parts that do not depend on the prompt."""
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
+        `size` (height, width) px of a decoded mask; what lies beyond is padding and not decoded."""
+
+
+def open_backend(
+    model: str, backend: str, device: str, say: Say, download: weights.Progress | None = None
+) -> SamBackend:
+    """The backend that the configuration asks for ("auto": openvino on a CPU where it is installed, else torch).
+
+    `say` is told when networks are being converted, which takes half a minute once.
+    """
+    if backend == "openvino" and device != "cpu":
+        raise ConfigError(f"segment.backend openvino runs on the CPU only, the device is {device}; use --device cpu")
+    installed = find_spec("openvino") is not None
+    if backend == "openvino" and not installed:
+        raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
+    weights.get(WEIGHTS[model], progress=download)
+    if device == "cpu" and installed and backend != "torch":
+        return OpenVinoBackend(model, say)
+    return TorchBackend(model, device)
+
+
+def load_sam(model: str) -> Any:
+    """kornia's `Sam` of that name with its released weights, in evaluation mode."""
+    from kornia.models.sam import Sam
+
+    sam = Sam.from_name(model)
+    sam.load_state_dict(weights.load_state_dict(WEIGHTS[model]), strict=True)
+    return sam.eval().requires_grad_(False)
+
+
+class TorchBackend:
+    """The networks as they are."""
+
+    name = "torch"
+
+    def __init__(self, model: str, device: str) -> None:
+        import torch
+
+        from zpm2.segment import sam_network
+
+        self.torch, self.device = torch, torch.device(device)
+        self.batch = CPU_BATCH if self.device.type == "cpu" else GPU_BATCH
+        sam = load_sam(model)
+        self.embed = sam_network.PromptEmbedding.of(sam)
+        self.networks = [
+            network(sam).eval().to(self.device)
+            for network in (sam_network.ImageNetwork, sam_network.PromptNetwork, sam_network.MaskNetwork)
+        ]
+
+    def _to(self, array: Any) -> Any:
+        return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
+
+    def image(self, pixels: Array) -> Any:
+        with self.torch.inference_mode():
+            return self.networks[0](self._to(pixels))
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        with self.torch.inference_mode():
+            iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
+            return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+        with self.torch.inference_mode():
+            logits = self.networks[2](_part(tokens[self._to(rows)], size), self._to(hyper))
+        return logits[:, :, : size[0], : size[1]].cpu().numpy()
+
+
+class OpenVinoBackend:
+    """The networks converted to OpenVINO, single precision, on the CPU."""
+
+    name, batch = "openvino", CPU_BATCH
+
+    def __init__(self, model: str, say: Say) -> None:
+        import openvino
+
+        from zpm2.segment.sam_network import PromptEmbedding
+
+        folder = _converted(model, openvino.__version__, say)
+        networks_loaded()
+        with np.load(folder / "embedding.npz") as arrays:
+            self.embed = PromptEmbedding(**arrays)
+        self.core = openvino.Core()
+        self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
+        self.image_network = self._compile("image")
+        self.prompt_networks: dict[int, Any] = {}  # by number of prompt tokens
+        self.mask_networks: dict[tuple[int, ...], Any] = {}  # by number of masks and of rows and columns of tokens
+
+    def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> Any:
+        # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
+        options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+        graph = self.graphs[name].clone()
+        if shapes:
+            graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
+        return self.core.compile_model(graph, "CPU", options)
+
+    def image(self, pixels: Array) -> Any:
+        return [part.copy() for part in self._run(self.image_network, [pixels])]
+
+    @staticmethod
+    def _run(network: Any, inputs: list[Array]) -> list[Array]:
+        """Outputs are the network's own memory: good until it runs again."""
+        return list(network(inputs, share_inputs=True, share_outputs=True).values())
+
+    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+        """A batch of fixed size, filled up with zeros, takes a fifth less time than one of any size."""
+        given, tokens_each = sparse.shape[:2]
+        if tokens_each not in self.prompt_networks:
+            shapes = [part.shape for part in parts] + [(self.batch, *sparse.shape[1:])]
+            self.prompt_networks[tokens_each] = self._compile("prompt", shapes)
+        full = np.zeros((self.batch, *sparse.shape[1:]), np.float32)
+        full[:given] = sparse
+        iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
+        return iou[:given], hyper[:given], tokens[:given]
+
+    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+        """Prompt by prompt: as fast as together, and the image tokens (4 MB each) are not copied."""
+        logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
+        for k, row in enumerate(rows):
+            part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]
+            key = (*weights.shape, *part.shape)
+            if key not in self.mask_networks:
+                self.mask_networks[key] = self._compile("mask", [part.shape, weights.shape])
+            logits[k] = self._run(self.mask_networks[key], [part, weights])[0][0, :, : size[0], : size[1]]
+        return logits
+
+
+def _part(tokens: Any, size: tuple[int, int]) -> Any:
+    """Image tokens (B, N, C) -> those (B, h, w, C) under the first `size` (height, width) px of a decoded mask."""
+    grid = isqrt(tokens.shape[1])
+    return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN), : -(-size[1] // TOKEN)]
+
+
+def _converted(model: str, openvino_version: str, say: Say) -> Path:
+    """The folder with the converted networks, made now if it is not there yet."""
+    from importlib.metadata import version
+
+    name = WEIGHTS[model]
+    key = f"openvino-{VERSION}-{weights.entry(name).sha256[:12]}-{openvino_version.split('-')[0]}-{version('torch')}"
+
+    def convert(folder: Path) -> None:
+        say(f"converting {name} to OpenVINO, once")
+        _convert(model, folder)
+
+    return weights.converted(name, key, convert)
+
+
+def _convert(model: str, folder: Path) -> None:
+    import openvino
+    import torch
+
+    from zpm2.segment import sam_network
+
+    sam = load_sam(model)
+    with torch.inference_mode(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Converting a tensor")  # kornia's shape checks, constant for our one size
+        image, prompt, mask = (
+            sam_network.ImageNetwork(sam),
+            sam_network.PromptNetwork(sam),
+            sam_network.MaskNetwork(sam),
+        )
+        pixels = torch.zeros(1, 3, sam_network.SIDE, sam_network.SIDE)
+        parts = image.eval()(pixels)
+        sparse = torch.zeros(2, 2, 256)
+        _, hyper, tokens = prompt.eval()(*parts, sparse)
+        graphs = (
+            openvino.convert_model(image, example_input=(pixels,)),
+            openvino.convert_model(prompt, example_input=(*parts, sparse)),
+            openvino.convert_model(mask.eval(), example_input=(_part(tokens, (8, 12)), hyper)),
+        )
+    for name, graph in zip(NETWORKS, graphs, strict=True):
+        try:
+            openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)
+        except RuntimeError as error:  # of a full disk
+            raise OSError(" ".join(str(error).split())) from error
+    embedding = sam_network.PromptEmbedding.of(sam)
+    np.savez(
+        folder / "embedding.npz",
+        frequencies=embedding.frequencies,
+        labels=embedding.labels,
+        padding=embedding.padding,
+    )

@@ -1,0 +1,1 @@
+"""Calibrated pairs: cameras and rigs, epipolar rectification, disparity. Pose, cloud and reconstruct share it."""

@@ -1,0 +1,135 @@
+"""Whether a camera is one of its image: what cannot be is refused, what is odd is said."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.model import Camera
+from zpm2.photos import pictures
+
+Array = NDArray[np.float64]
+Size = tuple[int, int]  # width, height, px
+
+COEFFICIENTS = (0, 1, 2, 4, 5, 8)  # of distortion: none, k1, k1 k2, k1 k2 p1 p2, and k3, and k4 k5 k6
+FOCAL = 0.1, 200.0  # of the longer side: a lens with straight lines has no other focal length
+USUAL_FOCAL = 0.25, 20.0
+OFF_CENTRE, ON_CENTRE = 0.15, 0.08  # of a side, a principal point that speaks against and for an image
+TELLING = 0.04  # of a side, by which a principal point must be off before another size is thought of
+UNBENT = 1.0  # px by which a point at the border may move when its distortion is undone and done again
+ORIENTATION = 0x0112  # the EXIF tag
+
+
+def checked(camera: Camera, name: str = "K", image: str | None = None) -> Camera:
+    """The same camera; `InputError` if it cannot be one of an image of its size.
+
+    A camera belongs to the pixels that the file stores, whatever its EXIF orientation says: one of the image as it is
+    shown, its sides exchanged, is refused. `image` is the file that the message asks for this orientation.
+    """
+    k, (width, height) = camera.matrix, camera.size
+    if k.shape != (3, 3):
+        raise InputError(f"{name} has shape {' x '.join(map(str, k.shape))}: expected a 3 x 3 matrix")
+    if not np.isfinite(k).all() or not np.isfinite(camera.distortion).all():
+        raise InputError(f"{name} has values that are not finite: {_flat(k)}; correct it")
+    if not (k[0, 0] > 0 and k[1, 1] > 0):
+        raise InputError(f"{name} has focal lengths {k[0, 0]:g} and {k[1, 1]:g} px: they must be positive")
+    if k[1, 0] or k[2].tolist() != [0, 0, 1]:
+        raise InputError(f"{name} must be [fx s cx; 0 fy cy; 0 0 1] in px, got {_flat(k)}")
+    count = len(camera.distortion)
+    if count not in COEFFICIENTS:
+        raise InputError(
+            f"{name} has {count} coefficients of distortion: give k1; k1,k2; k1,k2,p1,p2; the same with k3; or the "
+            "same with k3,k4,k5,k6"
+        )
+    if _turned(camera):
+        raise InputError(
+            f"{name} has its principal point at ({k[0, 2]:g}, {k[1, 2]:g}), which fits {height} x {width} px: the "
+            f"image has {width} x {height} px{_shown(image)}; give the camera of the image as it is stored"
+        )
+    if not (0 < k[0, 2] < width and 0 < k[1, 2] < height):
+        raise InputError(
+            f"{name} has its principal point at ({k[0, 2]:g}, {k[1, 2]:g}), outside of the image of {width} x {height} "
+            "px: was it made for another size, or are the two cameras swapped?"
+        )
+    longer = max(width, height)
+    for focal in (k[0, 0], k[1, 1]):
+        if not FOCAL[0] * longer < focal < FOCAL[1] * longer:
+            raise InputError(f"{name} has a focal length of {focal:g} px for {width} x {height} px: it must be in px")
+    return camera
+
+
+def fitting_size(camera: Camera, size: Size, name: str, image: str) -> Camera:
+    """The same camera; `InputError` if the size that it was made for is not that of `image`, (width, height) px."""
+    if camera.size != size:
+        shown = _shown(image) if camera.size == size[::-1] else ""
+        raise InputError(
+            f"{name} is for an image of {camera.size[0]} x {camera.size[1]} px, {image} has {size[0]} x {size[1]} px"
+            f"{shown}: give the camera of this size"
+        )
+    return camera
+
+
+def doubts(camera: Camera, name: str = "K") -> list[str]:
+    """What is odd about a camera that `checked` lets pass, in sentences."""
+    k, (width, height), said = camera.matrix, camera.size, []
+    where = f"of the image of {width} x {height} px"
+    off = off_centre(camera, camera.size)
+    if off > OFF_CENTRE:
+        said.append(
+            f"{name} has its principal point at ({k[0, 2]:g}, {k[1, 2]:g}), {100 * off:.0f} % of a side from the "
+            f"middle {where}: was it made for another size?"
+        )
+    low, high = USUAL_FOCAL
+    if not low * max(width, height) <= camera.focal <= high * max(width, height):
+        said.append(f"{name} has a focal length of {camera.focal:g} px, unusual for the size {where}: is it in px?")
+    if not 0.5 < k[0, 0] / k[1, 1] < 2:
+        said.append(f"{name} has focal lengths {k[0, 0]:g} and {k[1, 1]:g} px: pixels are rarely that far from square")
+    moved = _moved(camera)
+    if not moved <= UNBENT:
+        said.append(
+            f"{name} has a distortion that cannot be undone at the border {where} (off by {moved:.0f} px): are these "
+            "its coefficients?"
+        )
+    return said
+
+
+def orientation(image: str | None) -> int:
+    """The EXIF orientation of a picture file, 1 to 8; 1 where there is no telling."""
+    if image is None:
+        return 1
+    try:
+        with pictures.looked_at(image) as picture:
+            value = pictures.exif_of(picture).get(ORIENTATION, 1)
+    except pictures.DAMAGE:
+        return 1
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def off_centre(camera: Camera, size: Size) -> float:
+    """How far the principal point is from the middle of an image of `size`, as a share of its side."""
+    return float(np.abs(camera.matrix[:2, 2] / np.array(size) - 0.5).max())
+
+
+def _turned(camera: Camera) -> bool:
+    """Whether the principal point is that of the image with its sides exchanged."""
+    here, there = off_centre(camera, camera.size), off_centre(camera, camera.size[::-1])
+    return there < ON_CENTRE and here > max(TELLING, 2 * there)
+
+
+def _shown(image: str | None) -> str:
+    turn = orientation(image)
+    return f", and is turned only when it is shown (EXIF orientation {turn})" if turn >= 5 else ""
+
+
+def _moved(camera: Camera) -> float:
+    """px by which points along the border move when the distortion is undone and done again."""
+    if not camera.distortion.any():
+        return 0.0
+    t, (width, height) = np.linspace(0, 1, 9), camera.size
+    border = np.concatenate([np.c_[t, 0 * t], np.c_[t, 0 * t + 1], np.c_[0 * t, t], np.c_[0 * t + 1, t]])
+    border = border * [width, height]
+    away = np.linalg.norm(camera.pixels(camera.rays(border)) - border, axis=1)
+    return float(np.where(np.isfinite(away), away, np.inf).max())
+
+
+def _flat(matrix: Array) -> str:
+    return "[" + "; ".join(" ".join(f"{value:g}" for value in row) for row in matrix) + "]"

@@ -1,0 +1,55 @@
+"""A rectified pair of cameras: equal rows, one focal length."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.model import Camera, PosedCamera
+
+Array = NDArray[np.float64]
+Disparity = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A rectified pair: equal rows, X_right = X_left - (baseline, 0, 0)."""
+
+    left: Camera
+    right: Camera
+    baseline: float  # in the unit that the cloud shall have
+
+    @property
+    def offset(self) -> float:
+        """px, cx of the right camera less that of the left one: disparity of a point at infinity, negative (doffs)."""
+        return float(self.right.matrix[0, 2] - self.left.matrix[0, 2])
+
+    @property
+    def views(self) -> tuple[PosedCamera, PosedCamera]:
+        """Both cameras in the frame of the left one."""
+        shift = np.array([-self.baseline, 0.0, 0.0])
+        return PosedCamera(self.left, np.eye(3), np.zeros(3)), PosedCamera(self.right, np.eye(3), shift)
+
+    def depth(self, disparity: Any) -> Any:
+        """Z = f B / (d + doffs); NaN where that is not before the cameras."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = self.left.matrix[0, 0] * self.baseline / (disparity + self.offset)
+            return np.where(z > 0, z, np.nan)
+
+
+def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
+    """A rig of two cameras; `InputError` where they are none of a rectified pair."""
+    if left.size != right.size:
+        raise InputError(
+            f"images of a rectified pair have one size, these have {left.size} and {right.size} px: rectify it"
+        )
+    if not 0 < baseline < float("inf"):
+        raise InputError(f"the baseline of a rectified pair is a length above 0, got {baseline:g}: correct it")
+    a, b = left.matrix, right.matrix
+    if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > 0.01 * a[0, 0]:
+        raise InputError("a rectified pair has one focal length and one cy: rectify it first (zpm2 pose --rectify)")
+    if left.distortion.any() or right.distortion.any():
+        raise InputError("a rectified pair has no distortion left: rectify it first (zpm2 pose --rectify)")
+    return Rig(left, right, baseline)
