@@ -24,7 +24,8 @@ import numpy as np
 from match_pairs import environment, score, totals
 from numpy.typing import NDArray
 
-from zpm2 import PolygonMatcher, config
+from zpm2 import config
+from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.segment.sam import SamSegmenter
 from zpm2.segment.sam_backend import TorchBackend, load_sam
@@ -61,7 +62,7 @@ class Measured:
         self.segmenter = SamSegmenter(chosen.segment)
         if published:
             self.segmenter._backend = Published(chosen.segment.model, "cpu")
-        self.matcher = PolygonMatcher(chosen, segmenter=self.segmenter)
+        self.matcher = PairMatcher(chosen, segmenter=self.segmenter)
         self.matcher._load_points()
         self.prompts, self.forward = 0, None
         backend, regions = self.segmenter.load(), self.matcher._regions

@@ -43,12 +43,12 @@ from match_pairs import environment
 from numpy.typing import NDArray
 
 from zpm2 import MatchResult, config
+from zpm2.api import Matcher, blocks
 from zpm2.config import Config
 from zpm2.evaluate.report import table
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import Source, opened
 from zpm2.polygons.repair import mended
-from zpm2.tiled import TiledMatcher, blocks
 from zpm2.tiled.cells import carried_over, cells
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 
@@ -471,7 +471,7 @@ def run(left: str, right: str, out: Path, preset: str, settings: Sequence[str]) 
 def match(left: str, right: str, out: Path, preset: str, settings: Sequence[str]) -> None:
     """What `run` starts."""
     chosen = config.assign(config.preset(preset), ["tiles.mode=on", *settings])
-    TiledMatcher(chosen, say=lambda text: print(text, file=sys.stderr))(left, right).save(out)
+    Matcher(chosen, say=lambda text: print(text, file=sys.stderr))(left, right).save(out)
 
 
 def show_run(report: dict[str, Any]) -> None:

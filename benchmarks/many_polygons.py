@@ -24,13 +24,13 @@ import rasterio
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.api import Matcher
 from zpm2.config import Config, assign, preset
 from zpm2.formats import geojson
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import opened
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher
 from zpm2.tiled.blocks import match_blocks
 from zpm2.tiled.cells import carried_over, cells
 
@@ -100,7 +100,7 @@ def run(count: int) -> dict[str, object]:
         config = assign(preset("default"), ["tiles.mode=on", "points.methods=sift", "device=cpu"])
         sides = [PrecomputedSegmenter(folder / f"{side}.geojson") for side in ("left", "right")]
         start = perf_counter()
-        result = TiledMatcher(config, segmenter=(sides[0], sides[1]))(folder / "left.tif", folder / "right.tif")
+        result = Matcher(config, segmenter=(sides[0], sides[1]))(folder / "left.tif", folder / "right.tif")
         seconds = perf_counter() - start
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         search = compare_searches(result, (folder / "left.tif", folder / "right.tif"), config)

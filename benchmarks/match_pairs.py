@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from zpm2 import PolygonMatcher, config
+from zpm2 import config
+from zpm2.pipeline import PairMatcher
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 FIGURES = ("MAS", "P", "R", "CCR", "CCR5")
@@ -99,11 +100,11 @@ def main() -> None:
         keep = options.save or Path(temporary)
         for grid in options.grid:
             chosen = config.assign(config.preset(options.preset), [f"segment.grid={grid}", *options.settings])
-            matcher = PolygonMatcher(chosen)
+            matcher = PairMatcher(chosen)
             for name in names:
                 pair = known[name]
                 if options.reuse:
-                    matcher = PolygonMatcher(chosen, segmenter=kept(options.reuse / f"{name.replace('/', '_')}_{grid}"))
+                    matcher = PairMatcher(chosen, segmenter=kept(options.reuse / f"{name.replace('/', '_')}_{grid}"))
                 result = matcher(options.root / pair["left"], options.root / pair["right"])
                 folder = result.save(keep / f"{name.replace('/', '_')}_{grid}")
                 row = {

@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from zpm2 import config
-from zpm2.api import own_regions
-from zpm2.tiled import TiledMatcher
+from zpm2.api import Matcher, own_regions
 
 BUSY = "while True: sum(k * k for k in range(10**6))"
 
@@ -61,7 +60,7 @@ def digests(words: argparse.Namespace, times: int) -> Iterator[str]:
     """Of calls of one matcher in this process."""
     chosen = config.assign(config.preset(words.preset), words.set)
     own = own_regions(None, *(words.regions or (None, None)), chosen)
-    matcher, stir = TiledMatcher(chosen, segmenter=own), []
+    matcher, stir = Matcher(chosen, segmenter=own), []
     for _ in range(times):
         yield digest(matcher(words.left, words.right))
         stir.append(bytearray(random.randrange(1, 10**6)))

@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 from rendered import Pair, Run
 
-from zpm2 import MatchResult, PolygonMatcher
+from zpm2 import MatchResult
 from zpm2.config import assign, preset
 from zpm2.evaluate.rendered import score
+from zpm2.pipeline import PairMatcher
 
 pytestmark = pytest.mark.weights
 
@@ -28,6 +29,6 @@ def test_a_rendered_pair_with_the_real_models(run: Run, pair: Pair, tmp_path: Pa
     assert len(result.points) > 200
     assert json.loads(out)["matches"] == len(result.matches)
 
-    again = PolygonMatcher(assign(preset("paper"), SETTINGS))(pair.left, pair.right)
+    again = PairMatcher(assign(preset("paper"), SETTINGS))(pair.left, pair.right)
     first, second = ({**r.to_dict(), "timings": None} for r in (result, again))
     assert json.dumps(first) == json.dumps(second)

@@ -11,7 +11,7 @@ from zpm2.config import LARGEST, MOST, SHARES, Config, assign, describe, preset
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.evaluate.rendered.scene import render_scene
 from zpm2.model import Camera
-from zpm2.pipeline import PolygonMatcher
+from zpm2.pipeline import PairMatcher
 from zpm2.pose import PoseFinder
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -49,7 +49,7 @@ def test_an_option_at_its_end(name: str, end: str, small: Pair) -> None:
         return
     regions = PrecomputedSegmenter(small.left_regions), PrecomputedSegmenter(small.right_regions)
     try:
-        result = PolygonMatcher(config, segmenter=regions)(small.left, small.right)
+        result = PairMatcher(config, segmenter=regions)(small.left, small.right)
     except (ConfigError, InputError):
         return
     scene = small.scene

@@ -8,11 +8,11 @@ import boards
 import pytest
 from rendered import Pair, Run
 
+from zpm2.api import Matcher
 from zpm2.config import assign, preset
 from zpm2.reconstruct import Options
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher
 
 MATCH = ["matches.json", "left.geojson", "right.geojson", "overlay.png", "unmatched.png"]
 SHAPES = [f"{side}{suffix}" for side in ("left", "right") for suffix in (".shp", ".shx", ".dbf", ".cpg", ".qix")]
@@ -63,7 +63,7 @@ def check(folder: Path, names: list[str]) -> None:
 def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     chosen = assign(preset("default"), ["points.methods=sift", "device=cpu"])
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    return TiledMatcher(chosen, segmenter=sides)(pair.left, pair.right).save(tmp_path_factory.mktemp("matches"))
+    return Matcher(chosen, segmenter=sides)(pair.left, pair.right).save(tmp_path_factory.mktemp("matches"))
 
 
 @pytest.fixture(params=WRITES)
@@ -81,14 +81,14 @@ def command(
     if request.param == "demo":
         own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
         monkeypatch.setattr("zpm2.evaluate.rendered.render_scene", lambda seed: pair.scene)
-        monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
+        monkeypatch.setattr("zpm2.api.Matcher", partial(Matcher, segmenter=own))
         return "demo", ("demo", *quick)
     if request.param == "pose":
         pytest.importorskip("pycolmap")
         return "pose", ("pose", *both, *k, "--matches", matches, "--rectify", "--colmap", "--set", "pose.crops=off")
     if request.param == "cloud":
         pytest.importorskip("trimesh")
-        monkeypatch.setattr("zpm2.tiled.TiledMatcher", Loaded(matches))
+        monkeypatch.setattr("zpm2.api.Matcher", Loaded(matches))
         return "cloud", ("cloud", *both, "--stereo", *k, "--baseline", 0.2, "--las", *quick)
     if request.param == "reconstruct":
         pytest.importorskip("pycolmap")
@@ -99,7 +99,7 @@ def command(
     data.mkdir()
     known = {"left": str(pair.left), "right": str(pair.right), "gt": None}
     (data / "pairs.json").write_text(json.dumps([{"name": "a", **known}]))
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", Loaded(matches))
+    monkeypatch.setattr("zpm2.api.Matcher", Loaded(matches))
     return "eval", ("eval", "pairs", "--root", data, "--parquet")
 
 

@@ -6,8 +6,9 @@ import pytest
 from numpy.typing import NDArray
 from rendered import Pair, photograph
 
-from zpm2 import MatchResult, PolygonMatcher
+from zpm2 import MatchResult
 from zpm2.config import assign, preset
+from zpm2.pipeline import PairMatcher
 
 pytestmark = pytest.mark.weights
 
@@ -15,8 +16,8 @@ Picture = NDArray[np.uint8]
 
 
 @pytest.fixture(scope="module")
-def matcher() -> PolygonMatcher:
-    return PolygonMatcher(assign(preset("default"), ["segment.grid=16", "device=cpu"]))
+def matcher() -> PairMatcher:
+    return PairMatcher(assign(preset("default"), ["segment.grid=16", "device=cpu"]))
 
 
 def confident(result: MatchResult) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -40,20 +41,20 @@ def facade(columns: int = 7, shift: int = 0) -> Picture:
     return np.clip(wall[:, shift : shift + columns * 64 + 192], 0, 255).astype(np.uint8)
 
 
-def test_unrelated_photographs_give_no_match_to_rely_on(matcher: PolygonMatcher, pair: Pair) -> None:
+def test_unrelated_photographs_give_no_match_to_rely_on(matcher: PairMatcher, pair: Pair) -> None:
     result = matcher(pair.left, photograph(3, 480, 360))
     assert confident(result) == []
     assert any("may not show the same scene" in warning for warning in result.warnings)
 
 
-def test_repeated_windows_are_not_taken_for_each_other(matcher: PolygonMatcher) -> None:
+def test_repeated_windows_are_not_taken_for_each_other(matcher: PairMatcher) -> None:
     found = confident(matcher(facade(), facade(shift=32)))
     assert len(found) >= 10
     moves = np.array([b - a for a, b in found])
     assert np.mean(np.abs(moves - [-32, 0]).max(1) < 12) >= 0.95
 
 
-def test_a_mirrored_photograph(matcher: PolygonMatcher) -> None:
+def test_a_mirrored_photograph(matcher: PairMatcher) -> None:
     image = photograph(3)
     width = image.shape[1]
     result = matcher(image, np.ascontiguousarray(image[:, ::-1]))
@@ -63,14 +64,14 @@ def test_a_mirrored_photograph(matcher: PolygonMatcher) -> None:
 
 
 @pytest.mark.parametrize("value", [0, 120])
-def test_a_uniform_image_finishes(matcher: PolygonMatcher, value: int) -> None:
+def test_a_uniform_image_finishes(matcher: PairMatcher, value: int) -> None:
     flat = np.full((120, 200, 3), value, np.uint8)
     result = matcher(flat, flat)
     assert confident(result) == []
     assert result.warnings
 
 
-def test_a_starfield_finishes(matcher: PolygonMatcher) -> None:
+def test_a_starfield_finishes(matcher: PairMatcher) -> None:
     random = np.random.default_rng(1)
     sky = np.zeros((300, 400, 3), np.uint8)
     for x, y in random.integers(4, 296, (150, 2)):

@@ -81,13 +81,14 @@ def test_through_a_link_to_the_folder(project: Path, tmp_path: Path) -> None:
 def test_a_result_that_is_saved_from_another_working_directory(
     project: Path, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from zpm2 import PolygonMatcher, config
+    from zpm2 import config
+    from zpm2.pipeline import PairMatcher
     from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     chosen = config.assign(config.preset("default"), ["points.methods=sift", "device=cpu"])
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
     monkeypatch.chdir(project / "photographs")
-    result = PolygonMatcher(chosen, segmenter=sides)("left.png", "right.png")
+    result = PairMatcher(chosen, segmenter=sides)("left.png", "right.png")
     monkeypatch.chdir(tmp_path)
     result.save(tmp_path / "late")
     works(tmp_path / "late", project / "photographs", tmp_path / "other")

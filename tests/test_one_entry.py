@@ -10,12 +10,12 @@ import pytest
 import shapely
 from rendered import Pair, Run
 
+from zpm2.api import Matcher
 from zpm2.config import assign, preset
 from zpm2.formats import read_image
 from zpm2.model import Image, Mask
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -51,7 +51,7 @@ def photographs(pair: Pair, tmp_path: Path) -> tuple[Path, Path]:
 def given_regions(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     """The regions are known, for commands that take none."""
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
+    monkeypatch.setattr("zpm2.api.Matcher", partial(Matcher, segmenter=own))
 
 
 @pytest.mark.usefixtures("given_regions")
@@ -105,11 +105,11 @@ def test_baselines(pair: Pair, photographs: tuple[Path, Path], run: Run, tmp_pat
 
 
 def test_bands_of_a_whole_pair_too(pair: Pair, photographs: tuple[Path, Path]) -> None:
-    from zpm2 import PolygonMatcher
+    from zpm2.pipeline import PairMatcher
 
     config = assign(preset("paper"), ["points.methods=sift", "device=cpu", "raster.bands=2,3,4"])
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    result = PolygonMatcher(config, segmenter=own)(*photographs)
+    result = PairMatcher(config, segmenter=own)(*photographs)
     assert result.left.image is not None
     assert np.array_equal(result.left.image.rgb, read_image(photographs[0], bands=(2, 3, 4)).rgb)
 
@@ -128,7 +128,7 @@ def test_nothing_is_found_where_a_photograph_is_transparent(pair: Pair, tmp_path
         pair_.append(tmp_path / f"{name}.{kind}")
         picture.save(pair_[-1], **({"lossless": True, "exact": True} if kind == "webp" else {}))
     config = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
-    result = TiledMatcher(config, segmenter=Squares())(*pair_)
+    result = Matcher(config, segmenter=Squares())(*pair_)
     assert len(result.left.polygons) > 20
     assert max(polygon.shape.intersection(shapely.box(100, 60, 260, 200)).area for polygon in result.left.polygons) == 0
     x, y = result.points.left.astype(int).T

@@ -13,11 +13,11 @@ from painted import PaintedSegmenter, PaintedView, Region
 from rendered import Pair, photograph
 
 import zpm2
-from zpm2 import MatchResult, PolygonMatcher
+from zpm2 import MatchResult
 from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Image, Mask, PointMatches
-from zpm2.pipeline import on_data
+from zpm2.pipeline import PairMatcher, on_data
 from zpm2.runtime import resolve_device
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -79,11 +79,11 @@ def content(result: MatchResult) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def result(pair: Pair) -> MatchResult:
-    return PolygonMatcher(SIFT, segmenter=regions(pair))(pair.left, pair.right)
+    return PairMatcher(SIFT, segmenter=regions(pair))(pair.left, pair.right)
 
 
 def test_inputs_of_every_kind_agree(pair: Pair, result: MatchResult) -> None:
-    matcher = PolygonMatcher(SIFT, segmenter=regions(pair))
+    matcher = PairMatcher(SIFT, segmenter=regions(pair))
     scene = pair.scene
     with PIL.Image.open(pair.left) as left, PIL.Image.open(pair.right) as right:
         from_pil = matcher(left, right)
@@ -100,7 +100,7 @@ def test_inputs_of_every_kind_agree(pair: Pair, result: MatchResult) -> None:
 
 def test_grey_and_16_bit_arrays(pair: Pair) -> None:
     grey = [np.asarray(PIL.Image.fromarray(rgb).convert("L")) for rgb in (pair.scene.left, pair.scene.right)]
-    matcher = PolygonMatcher(SIFT, segmenter=regions(pair))
+    matcher = PairMatcher(SIFT, segmenter=regions(pair))
     plain = matcher(*grey)
     assert len(plain.matches) > 30
     deep = matcher(*(g.astype(np.uint16) * 257 for g in grey))
@@ -120,7 +120,7 @@ def test_grey_and_16_bit_arrays(pair: Pair) -> None:
 )
 def test_inputs_that_cannot_be_used(bad: Any, word: str) -> None:
     good = photograph(0)
-    matcher = PolygonMatcher(SIFT, segmenter=Nothing())
+    matcher = PairMatcher(SIFT, segmenter=Nothing())
     for name, inputs in (("left", (bad, good)), ("right", (good, bad))):
         with pytest.raises(InputError, match=word) as caught:
             matcher(*inputs)
@@ -166,7 +166,7 @@ def test_models_are_loaded_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
     monkeypatch.setattr("zpm2.features.create", create)
-    matcher = PolygonMatcher("paper")
+    matcher = PairMatcher("paper")
     assert loads == []
     results = [matcher(pair.left, pair.right), matcher(pair.right, pair.left), matcher(pair.left, pair.right)]
     assert sorted(loads) == ["mobile_sam", "networks", "points"]
@@ -177,7 +177,7 @@ def test_models_are_loaded_once(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> 
 def test_own_segmenter_and_points(pair: Pair) -> None:
     rgb = photograph(5)
     shifted = np.roll(rgb, -40, axis=1)
-    matcher = PolygonMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))
+    matcher = PairMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))
     found = matcher(rgb, shifted)
     assert len(found.left.polygons) == len(found.right.polygons) == 60
     assert len(found.points) == len(grid_points(-40))
@@ -202,7 +202,7 @@ def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.Monke
 
     monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
     told: list[tuple[str, float]] = []
-    matcher = PolygonMatcher(SIFT, progress=lambda stage, share: told.append((stage, share)))
+    matcher = PairMatcher(SIFT, progress=lambda stage, share: told.append((stage, share)))
     for _ in range(2):
         told.clear()
         found = matcher(pair.left, pair.right)
@@ -219,7 +219,7 @@ def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.Monke
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_too_few_points_are_no_error(pair: Pair, count: int) -> None:
     points = grid_points(-10)[np.arange(count)]
-    found = PolygonMatcher(SIFT, segmenter=regions(pair), points=Given(points))(pair.left, pair.right)
+    found = PairMatcher(SIFT, segmenter=regions(pair), points=Given(points))(pair.left, pair.right)
     for estimate in (found.fundamental, found.homography):
         assert isinstance(estimate, Failed)
         assert not estimate
@@ -235,14 +235,14 @@ def test_a_mirrored_photograph_is_said(pair: Pair) -> None:
     points = grid_points(0)
     for right, said in ((points.right, 0), (points.right * [-1, 1] + [400, 0], 1)):
         given = Given(PointMatches(points.left, right, points.score))
-        found = PolygonMatcher(SIFT, segmenter=regions(pair), points=given)(pair.left, pair.right)
+        found = PairMatcher(SIFT, segmenter=regions(pair), points=given)(pair.left, pair.right)
         assert sum("one of the photographs is mirrored" in warning for warning in found.warnings) == said
 
 
 def test_unrelated_points_leave_no_confidence(pair: Pair) -> None:
     points = grid_points(0)
     mixed = PointMatches(points.left, np.random.default_rng(0).permutation(points.right), points.score)
-    found = PolygonMatcher(SIFT, segmenter=regions(pair), points=Given(mixed))(pair.left, pair.right)
+    found = PairMatcher(SIFT, segmenter=regions(pair), points=Given(mixed))(pair.left, pair.right)
     assert any("may not show the same scene" in warning for warning in found.warnings)
     assert all(match.confidence <= 0.1 for match in found.matches)
 
@@ -253,7 +253,7 @@ def test_no_regions_are_no_error(pair: Pair) -> None:
         (Squares(), Nothing(), {"right"}),
         (Nothing(), Nothing(), {"left", "right"}),
     ):
-        found = PolygonMatcher(SIFT, segmenter=(left, right))(pair.left, pair.right)
+        found = PairMatcher(SIFT, segmenter=(left, right))(pair.left, pair.right)
         assert found.matches == []
         for side in ("left", "right"):
             assert (f"no regions were found in the {side} image" in found.warnings) == (side in missing)
@@ -265,7 +265,7 @@ def test_notes_of_own_regions_say_whose_they_are(result: MatchResult, pair: Pair
     with_crumb[:3, :3] = 999
     PIL.Image.fromarray(with_crumb).save(tmp_path / "labels.png")
     sources = PrecomputedSegmenter(tmp_path / "labels.png"), PrecomputedSegmenter(pair.right_regions)
-    found = PolygonMatcher(SIFT, segmenter=sources)(pair.left, pair.right)
+    found = PairMatcher(SIFT, segmenter=sources)(pair.left, pair.right)
     assert any(w.startswith("left regions: 1 region under 100 px^2 left out") for w in found.warnings)
     assert not any(w.startswith("left regions") for w in result.warnings)
 
@@ -273,7 +273,7 @@ def test_notes_of_own_regions_say_whose_they_are(result: MatchResult, pair: Pair
 def test_the_seed_alone_decides(pair: Pair) -> None:
     def once(seed: int) -> MatchResult:
         config = dataclasses.replace(SIFT, seed=seed)
-        return PolygonMatcher(config, segmenter=regions(pair))(pair.left, pair.right)
+        return PairMatcher(config, segmenter=regions(pair))(pair.left, pair.right)
 
     np.random.seed(1)  # noqa: NPY002  (the state of other people's generators must not matter)
     first = once(4)
@@ -282,9 +282,9 @@ def test_the_seed_alone_decides(pair: Pair) -> None:
 
 
 def test_preset_by_name_and_unknown_preset() -> None:
-    assert PolygonMatcher("paper").config == zpm2.preset("paper")
+    assert PairMatcher("paper").config == zpm2.preset("paper")
     with pytest.raises(ConfigError, match="unknown preset 'best'"):
-        PolygonMatcher("best")
+        PairMatcher("best")
 
 
 def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -300,7 +300,7 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_polygons_that_no_texture_places_are_told() -> None:
     uniform = np.full((240, 400, 3), 90, np.uint8)
-    found = PolygonMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))(uniform, uniform)
+    found = PairMatcher(SIFT, segmenter=Squares(), points=Given(grid_points(-40)))(uniform, uniform)
     told = [text for text in found.notes if "stay where the geometry predicts them" in text]
     assert len(told) == 1
     assert told[0].startswith("60 of 60 left polygons")
@@ -324,23 +324,21 @@ GUIDED = assign(preset("default"), ["device=cpu", "segment.grid=16", "segment.mi
 
 def test_guided_matches_say_so() -> None:
     segmenter, left, right = painted_pair()
-    found = PolygonMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
+    found = PairMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
     assert len(found.matches) == len(left.regions)
     assert "guided" in found.timings
     assert {m.stage for m in found.matches} >= {"guided"}
     assert sum(m.stage == "guided" for m in found.matches) >= len(left.regions) / 2
     centers = [{p.id: p.center for p in side.polygons} for side in (found.left, found.right)]
     assert np.allclose([centers[1][m.right] - centers[0][m.left] for m in found.matches], [-24, 0], atol=1.5)
-    again = PolygonMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
+    again = PairMatcher(GUIDED, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
     assert content(found) == content(again)
 
 
 def test_guidance_in_one_direction_asks_the_left_image_nothing_new() -> None:
     segmenter, left, right = painted_pair()
     forward = assign(GUIDED, ["guided.direction=forward"])
-    found = PolygonMatcher(forward, segmenter=segmenter, points=Given(grid_points(-24)))(
-        left.image.rgb, right.image.rgb
-    )
+    found = PairMatcher(forward, segmenter=segmenter, points=Given(grid_points(-24)))(left.image.rgb, right.image.rgb)
     assert "guided" not in found.timings
     assert len(found.matches) < len(left.regions)
     assert len(found.right.polygons) == len(right.regions)
@@ -348,10 +346,10 @@ def test_guidance_in_one_direction_asks_the_left_image_nothing_new() -> None:
 
 def test_a_segmenter_without_prompts_is_told(pair: Pair) -> None:
     rgb = photograph(5)
-    found = PolygonMatcher(GUIDED, segmenter=Squares(), points=Given(grid_points(-40)))(rgb, np.roll(rgb, -40, axis=1))
+    found = PairMatcher(GUIDED, segmenter=Squares(), points=Given(grid_points(-40)))(rgb, np.roll(rgb, -40, axis=1))
     assert any("takes no prompts" in warning for warning in found.warnings)
     assert "guided" not in found.timings
-    given = PolygonMatcher(GUIDED, segmenter=regions(pair), points=Given(grid_points(-5)))(pair.left, pair.right)
+    given = PairMatcher(GUIDED, segmenter=regions(pair), points=Given(grid_points(-5)))(pair.left, pair.right)
     assert not any("prompts" in warning for warning in given.warnings)
 
 

@@ -13,12 +13,12 @@ import pytest
 from rendered import Outcome, Pair, Run
 
 from zpm2 import MatchResult
+from zpm2.api import Matcher
 from zpm2.config import assign, preset
 from zpm2.evaluate import predictions
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher
 
 QUICK = ("--set", "points.methods=sift", "--device", "cpu")
 
@@ -29,7 +29,7 @@ class Counting:
     def __init__(self, pair: Pair) -> None:
         chosen = assign(preset("default"), ["points.methods=sift", "device=cpu"])
         sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-        self.matcher, self.asked = TiledMatcher(chosen, segmenter=sides), 0
+        self.matcher, self.asked = Matcher(chosen, segmenter=sides), 0
 
     def __call__(self, *words: object, **named: object) -> object:
         if len(words) != 2:
@@ -61,7 +61,7 @@ def test_pairs_of_a_cloud(
 ) -> None:
     pytest.importorskip("trimesh")
     counting = Counting(pair)
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", counting)
+    monkeypatch.setattr("zpm2.api.Matcher", counting)
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
     scene = pair.scene
     rig = ("--stereo", "--K", f"{scene.f},{scene.f},{scene.cx},{scene.cy}", "--baseline", 0.2)

@@ -13,22 +13,19 @@ from typing import TYPE_CHECKING, Any
 from zpm2._version import __version__
 
 if TYPE_CHECKING:
-    from zpm2.api import match
+    from zpm2.api import Matcher, match
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
     from zpm2.model import Polygon, PolygonMatch
-    from zpm2.pipeline import PolygonMatcher
     from zpm2.result import MatchResult
-    from zpm2.tiled import TiledMatcher
 
 __all__ = [
     "Config",
     "Failed",
     "MatchResult",
+    "Matcher",
     "Polygon",
     "PolygonMatch",
-    "PolygonMatcher",
-    "TiledMatcher",
     "Zpm2Error",
     "__version__",
     "match",
@@ -41,8 +38,7 @@ _HOME = {
     "MatchResult": "zpm2.result",
     "Polygon": "zpm2.model",
     "PolygonMatch": "zpm2.model",
-    "PolygonMatcher": "zpm2.pipeline",
-    "TiledMatcher": "zpm2.tiled",
+    "Matcher": "zpm2.api",
     "Zpm2Error": "zpm2.errors",
     "match": "zpm2.api",
     "preset": "zpm2.config",

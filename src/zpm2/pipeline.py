@@ -24,16 +24,16 @@ from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import Note, split
 from zpm2.photos.images import read_image
 from zpm2.photos.source import ImageLike
-from zpm2.polygons.warp import Carried, backwards, carry, forwards
+from zpm2.polygons.warp import Carried, carry
 from zpm2.result import MatchResult
 from zpm2.runtime import Clock, Progress, resolve_device
 from zpm2.segment.protocol import Segmenter
 
 
-class PolygonMatcher:
+class PairMatcher:
     """Finds and matches the polygons of image pairs. Loads its models once, on first use.
 
-        matcher = PolygonMatcher("paper")
+        matcher = PairMatcher("paper")
         result = matcher("left.png", "right.png")
 
     `config` is a preset's name or a `Config`. `segmenter` replaces SAM, one for both images or a (left, right) pair;
@@ -61,7 +61,7 @@ class PolygonMatcher:
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair as a whole. Inputs are paths, arrays (grey, RGB, 8 or 16 bit), PIL images, or an `Image`;
-        `TiledMatcher` also takes large pairs, and keeps georeferences.
+        `Matcher` also takes large pairs, and keeps georeferences.
 
         Raises `InputError` for what cannot be read as a photograph, or does not fit into `max_memory`. Everything else
         that goes wrong with a pair (no overlap, no texture, no regions) is in the result: fewer matches, `Failed`
@@ -132,7 +132,7 @@ class PolygonMatcher:
         config = self.config.local_match
         there, here = (
             carry(arrays, *carrier, config.gamma)
-            for arrays, carrier in ((left, forwards(initial)), (right, backwards(initial)))
+            for arrays, carrier in ((left, initial.forward()), (right, initial.backward()))
         )
         return explained(sides, (left, right), matches, (there, here), config.min_overlap)
 

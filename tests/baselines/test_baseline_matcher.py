@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from rendered import Pair
 from rings import generators, star
 
-from zpm2 import MatchResult, PolygonMatcher
+from zpm2 import MatchResult
 from zpm2.baselines import METHODS, BaselineMatcher, ShapeContext
 from zpm2.baselines.matcher import one_to_one
 from zpm2.config import Config, PointsConfig
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model import Polygon
+from zpm2.pipeline import PairMatcher
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 BLANK = np.full((200, 300, 3), 90, np.uint8)
@@ -107,7 +108,7 @@ def test_an_image_pair_from_files(method, pair: Pair, tmp_path):
     config = Config(points=PointsConfig(methods=("sift",)), device="cpu")
     baseline = BaselineMatcher(method, config, segmenter=segmenters)
     result = baseline(pair.left, pair.right)
-    ours = PolygonMatcher(config, segmenter=segmenters)(pair.left, pair.right)
+    ours = PairMatcher(config, segmenter=segmenters)(pair.left, pair.right)
     for side, other in ((result.left, ours.left), (result.right, ours.right)):
         assert [p.id for p in side.polygons] == [p.id for p in other.polygons]
         assert all(np.array_equal(p.exterior, q.exterior) for p, q in zip(side.polygons, other.polygons, strict=True))

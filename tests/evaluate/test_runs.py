@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from rendered import Pair, Run
 
-from zpm2 import PolygonMatcher
 from zpm2.config import assign, preset
 from zpm2.errors import InputError
 from zpm2.evaluate import predictions, report
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -45,7 +45,7 @@ class Counting:
 
     def __init__(self, pair: Pair, interrupt_at: int | None = None) -> None:
         regions = (PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions))
-        self.matcher = PolygonMatcher(SIFT, segmenter=regions)
+        self.matcher = PairMatcher(SIFT, segmenter=regions)
         self.interrupt_at, self.calls, self.loads = interrupt_at, 0, 0
 
     def load(self) -> "Counting":

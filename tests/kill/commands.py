@@ -102,7 +102,7 @@ def _evaluation(pair: Pair, folder: Path) -> None:
     from zpm2.evaluate import predictions
     from zpm2.evaluate.datasets import open_dataset
     from zpm2.model import Camera
-    from zpm2.pipeline import PolygonMatcher
+    from zpm2.pipeline import PairMatcher
     from zpm2.segment.given.precomputed import PrecomputedSegmenter
     from zpm2.stereo.rig import Rig
 
@@ -118,7 +118,7 @@ def _evaluation(pair: Pair, folder: Path) -> None:
     (folder / "text.png").write_text("no picture")
     (folder / "pairs.json").write_text(json.dumps(entries))
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    matcher = PolygonMatcher(assign(preset("default"), ["points.methods=sift", "device=cpu"]), segmenter=sides)
+    matcher = PairMatcher(assign(preset("default"), ["points.methods=sift", "device=cpu"]), segmenter=sides)
     result = matcher(pair.left, pair.right)
     result.save(folder / "matches")
     predictions.Run("pairs", None, "zpm2", {}).claim(folder / "predictions")

@@ -14,7 +14,7 @@ from zpm2.guided.prior import Guidance
 from zpm2.local_match import match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 from zpm2.photos.source import Held
-from zpm2.polygons.warp import Carried, carry, forwards
+from zpm2.polygons.warp import Carried, carry
 from zpm2.tiled import blocks
 from zpm2.tiled.blocks import MARGIN, MOST, layers, match_blocks
 from zpm2.tiled.cells import carried_over, cells
@@ -99,7 +99,7 @@ def whole(given, config):
     candidates = search_candidates(*given.polygons, placement, config.global_match)
     guidance = None
     if config.guided.direction != "off":
-        carried = carry(given.polygons[0], *forwards(initial), config.local_match.gamma)
+        carried = carry(given.polygons[0], *initial.forward(), config.local_match.gamma)
         sure = tuple(np.ones(len(side), bool) for side in given.polygons)
         guidance = Guidance(carried, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
     local = config.local_match

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from test_tiled_matcher import ColourSegmenter, OrbPoints, carried, config, iou, scene, visible
 
+from zpm2.api import Matcher
 from zpm2.errors import InputError
 from zpm2.features.rotated_retry import LookAgain
 from zpm2.model import Image, PointMatches
-from zpm2.tiled import TiledMatcher
 from zpm2.tiled.whole import in_tiles
 
 SHIFT = ((1, 0, -14.0), (0, 1, 3.0), (0, 0, 1))
@@ -42,7 +42,7 @@ def test_a_strip_is_matched_in_tiles(width, height, upright, size, mode):
     given = scene(width, height, pitch=height - 10, matrix=SHIFT, wide=False)
     pair = tall(given) if upright else (given.left, given.right)
     settings = config(f"tiles.mode={mode}", f"tiles.size={size}")
-    result = TiledMatcher(settings, segmenter=Eye(), points=OrbPoints())(*pair)
+    result = Matcher(settings, segmenter=Eye(), points=OrbPoints())(*pair)
     good, found, there = right_ones(result, given, upright)
     assert good >= 0.95 * found
     assert good > 0.8 * there
@@ -50,7 +50,7 @@ def test_a_strip_is_matched_in_tiles(width, height, upright, size, mode):
 
 def test_a_strip_without_points_in_common_finishes():
     strip = np.random.default_rng(0).integers(0, 255, (33, 100_000, 3), np.uint8)
-    result = TiledMatcher(config("tiles.mode=auto"), segmenter=Eye(), points=OrbPoints())(strip, strip)
+    result = Matcher(config("tiles.mode=auto"), segmenter=Eye(), points=OrbPoints())(strip, strip)
     assert result.matches == []
     assert any("may not show the same scene" in warning for warning in result.warnings)
 
@@ -58,7 +58,7 @@ def test_a_strip_without_points_in_common_finishes():
 def test_what_is_too_thin_for_any_view_is_one_clear_line():
     strip = np.zeros((33, 900_000, 3), np.uint8)
     with pytest.raises(InputError, match="900000 x 33 px, too long and thin"):
-        TiledMatcher(config("tiles.mode=auto"), segmenter=Eye(), points=OrbPoints())(strip, strip)
+        Matcher(config("tiles.mode=auto"), segmenter=Eye(), points=OrbPoints())(strip, strip)
 
 
 @pytest.mark.parametrize("size", [(32, 32), (60, 45), (300, 60), (1500, 40)])
@@ -69,14 +69,14 @@ def test_a_right_photograph_that_is_a_small_part_of_the_left_one(size):
         (given.left, given.left[500 : 500 + height, 150 : 150 + width]),
         (given.left[500 : 500 + height, 150 : 150 + width], given.left),
     ):
-        result = TiledMatcher(config(), segmenter=Eye(), points=OrbPoints())(left, right)
+        result = Matcher(config(), segmenter=Eye(), points=OrbPoints())(left, right)
         assert (result.right.height, result.right.width) == right.shape[:2]
 
 
 @pytest.mark.parametrize("width", [512, 513, 639, 641, 1025])
 def test_sizes_near_multiples_of_a_tile(width):
     given = scene(width, 300, matrix=SHIFT, wide=False)
-    result = TiledMatcher(config(), segmenter=Eye(), points=OrbPoints())(given.left, given.right)
+    result = Matcher(config(), segmenter=Eye(), points=OrbPoints())(given.left, given.right)
     good, found, there = right_ones(result, given)
     assert good >= 0.9 * found
     assert good > 0.8 * there

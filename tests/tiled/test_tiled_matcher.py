@@ -12,6 +12,7 @@ from painted import PaintedView, Region
 
 from zpm2 import config as configuration
 from zpm2 import features, geometry
+from zpm2.api import Matcher, windows
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError, OutputError
 from zpm2.formats import geojson
@@ -20,7 +21,6 @@ from zpm2.model import Image, Mask, PointMatches
 from zpm2.polygons.trace import trace
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher, windows
 from zpm2.tiled import whole as tiled
 
 H = np.array([[0.99, 0.05, 40.0], [-0.04, 1.01, 55.0], [-6e-6, 4e-6, 1]])
@@ -129,7 +129,7 @@ def config(*settings):
 
 def matcher(*settings, segmenter=None, points=None, **options):
     segmenter, points = segmenter or ColourSegmenter(), points or OrbPoints()
-    return TiledMatcher(config(*settings), segmenter=segmenter, points=points, **options)
+    return Matcher(config(*settings), segmenter=segmenter, points=points, **options)
 
 
 def visible(given):

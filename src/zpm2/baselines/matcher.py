@@ -55,7 +55,7 @@ class BaselineMatcher:
         result = BaselineMatcher("shape-context")("left.png", "right.png")
 
     `method` is a name of `METHODS`, or a `ShapeContext` or `InnerDistance` with settings of its own. The polygons are
-    those that `PolygonMatcher` finds with the same `config` and `segmenter`; points and geometry are not estimated.
+    those that `PairMatcher` finds with the same `config` and `segmenter`; points and geometry are not estimated.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class BaselineMatcher:
         self._regions = RegionStages(self.config, segmenter, progress, say)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair. Inputs and errors are those of `TiledMatcher`; large pairs are matched as a whole, too, which
+        """Match one pair. Inputs and errors are those of `Matcher`; large pairs are matched as a whole, too, which
         a warning says where the configuration asks for tiles.
 
         A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, puts matches of one

@@ -282,10 +282,10 @@ def demo(
     """
     import cv2
 
+    from zpm2.api import Matcher
     from zpm2.evaluate.rendered import render_scene, score
     from zpm2.files.writing import atomic_write
     from zpm2.result import file_names
-    from zpm2.tiled import TiledMatcher
 
     config = configure(preset, None, settings, {"device": device, "seed": seed, "max_memory": max_memory})
     use_weights(weights_dir)
@@ -297,7 +297,7 @@ def demo(
         for name, pixels in zip(names, (*photographs, scene.labels, scene.labels_right), strict=True):
             atomic_write(out / name, cv2.imencode(".png", pixels)[1].tobytes())
         progress("render", 1.0)
-        matcher = TiledMatcher(config, progress=progress, say=say)
+        matcher = Matcher(config, progress=progress, say=say)
         result = matcher(out / names[0], out / names[1])
         result.save(out)
     truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)

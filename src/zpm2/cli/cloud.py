@@ -34,11 +34,11 @@ from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.model.messages import about
 
 if TYPE_CHECKING:
+    from zpm2.api import Matcher
     from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
     from zpm2.config import Config
     from zpm2.result import MatchResult
     from zpm2.stereo.rig import Rig
-    from zpm2.tiled import TiledMatcher
 
 WORKSPACE = "A workspace"  # groups of options in the help
 STEREO = "A rectified pair"
@@ -136,8 +136,8 @@ def cloud(
     if disparity_sign not in (1, -1):
         raise ConfigError(f"--disparity-sign {disparity_sign}: give 1, or -1 where the file stores -d")
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
-    _refuse(dense, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
-    if len(inputs) != (2 if dense else 1):
+    _refuse(stereo, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
+    if len(inputs) != (2 if stereo else 1):
         raise ConfigError("give one workspace, or two photographs with --stereo")
     from zpm2.cloud import save
     from zpm2.cloud.export import require_laspy
@@ -149,13 +149,13 @@ def cloud(
         require_laspy()
     use_weights(weights_dir)
     allow_vrt(allowed)
-    names = [*NAMES, "mesh.ply"] if dense else NAMES
+    names = [*NAMES, "mesh.ply"] if stereo else NAMES
     names = [*names, *([] if matches else [PAIRS])]
     given = mesh, images, cameras, calib, disparity, *(Path(text) for text in (k, k2) if text is not None)
     folder = fresh_folder(out, *inputs, *given, names=names, kept=PAIRS)
     with folder, bars(quiet or as_json) as (progress, say):
         matcher = _Matcher(config, progress, say, out)
-        if dense:
+        if stereo:
             rig = _rig(calib, k, k2, baseline, inputs)
             found = _stereo(
                 matcher, inputs, rig, disparity, (disparity_scale, disparity_sign), matches, non_overlapping
@@ -171,9 +171,9 @@ def cloud(
 
 
 def _refuse(stereo: bool, only_stereo: dict[str, Any], only_workspace: dict[str, Any]) -> None:
-    for name, value in (only_workspace if dense else only_stereo).items():
+    for name, value in (only_workspace if stereo else only_stereo).items():
         if value is not None:
-            raise ConfigError(f"{name} is for {'a workspace, not for --stereo' if dense else '--stereo'}")
+            raise ConfigError(f"{name} is for {'a workspace, not for --stereo' if stereo else '--stereo'}")
 
 
 class _Matcher:
@@ -183,7 +183,7 @@ class _Matcher:
         self, config: "Config", progress: Callable[[str, float], None], say: Callable[[str], None], out: Path
     ) -> None:
         self.config, self.progress, self.say, self.out = config, progress, say, out
-        self._matcher: TiledMatcher | None = None
+        self._matcher: Matcher | None = None
 
     def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
         from zpm2.files.keys import key
@@ -195,9 +195,9 @@ class _Matcher:
         if kept(folder) == asked and (folder / "matches.json").exists():
             return MatchResult.load(folder)
         if self._matcher is None:
-            from zpm2.tiled import TiledMatcher
+            from zpm2.api import Matcher
 
-            self._matcher = TiledMatcher(self.config, progress=self.progress, say=self.say)
+            self._matcher = Matcher(self.config, progress=self.progress, say=self.say)
         made_folder(self.out / PAIRS)
         self._matcher(left, right).save(made_folder(folder))
         keep(folder, asked)

@@ -298,8 +298,8 @@ def lines() -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def fresh_folder(out: Path, *inputs: Path | None, names: Iterable[str] = (), kept: str = "") -> Iterator[Path]:
-    """The output folder, tried out, in which only what a run made is replaced (`files.writing.results_folder`); gone again
-    if a run that made it ends early and left nothing in it. An interrupt says what stays.
+    """The output folder, tried out, in which only what a run made is replaced (`files.writing.results_folder`);
+    gone again if a run that made it ends early and left nothing in it. An interrupt says what stays.
 
     names: of the files and folders that the command may write there. kept: the place in it of what an interrupted run
     leaves for the next one.

@@ -132,12 +132,12 @@ def pose(
     use_weights(weights_dir)
     allow_vrt(allowed)
 
+    from zpm2.api import Matcher
     from zpm2.photos.images import read_image
     from zpm2.pose import PoseFinder
     from zpm2.pose.result import NAME as POSE
     from zpm2.result import file_names
     from zpm2.runtime import resolve_device
-    from zpm2.tiled import TiledMatcher
 
     finder = PoseFinder(config, device=resolve_device(config.device))
     chosen = config.raster.bands
@@ -149,7 +149,7 @@ def pose(
     held = memory.reserved(sum(image.rgb.nbytes for image in images))
     with folder, held, bars(quiet or as_json) as (progress, say):
         if matches is None:
-            matched = TiledMatcher(config, progress=progress, say=say)(left, right)
+            matched = Matcher(config, progress=progress, say=say)(left, right)
             matched.save(out)
         else:
             matched = given_matches(matches, (left, right), images)
@@ -201,8 +201,8 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     from zpm2.files.writing import atomic_write
     from zpm2.formats import geojson
     from zpm2.model import counterparts
+    from zpm2.pose import rectify
     from zpm2.result import SIDES
-    from zpm2.stereo.rectify import rectify
 
     pair = rectify(found, images, matched.matched_polygons())
     if isinstance(pair, Failed):

@@ -42,6 +42,16 @@ class InitialGeometry:
         linear = geometry.homography_jacobian(self.homography, centers)
         return Expected(geometry.project(self.homography, centers), linear)
 
+    def forward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
+        """The points that agree with F, left to right, and H: what carries left polygons over (`polygons.warp`)."""
+        return self.points[self.consistent], self.homography
+
+    def backward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
+        """The same from right to left."""
+        points, homography = self.forward()
+        inverse = homography if isinstance(homography, Failed) else np.asarray(np.linalg.inv(homography), np.float64)
+        return PointMatches(points.right, points.left, points.score), inverse
+
     @property
     def agreeing(self) -> int:
         """How many points agree on one epipolar geometry; 0 where there is none."""

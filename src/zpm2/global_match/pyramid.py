@@ -46,6 +46,16 @@ class Placement:
     outside: NDArray[np.bool_]  # (n,) the expected place is not in the right image
     expected: Expected  # where the search began
 
+    def maps(self, centers: Array, rows: NDArray[np.int64]) -> Array:
+        """(c, 3, 3) maps right ~ map @ left of the polygons `rows` (c,), of all whose (n, 2) `centers` are given: from
+        centre to place, with the local affine part of the map that led there (paper 3.4.1)."""
+        center, jacobian = centers[rows], self.expected.linear[rows]
+        matrices = np.zeros((len(rows), 3, 3))
+        matrices[:, :2, :2] = jacobian
+        matrices[:, :2, 2] = self.centers[rows] - np.einsum("nij,nj->ni", jacobian, center)
+        matrices[:, 2, 2] = 1.0
+        return matrices
+
 
 def level_count(width: int, height: int, config: GlobalConfig) -> int:
     """How often an image is downsampled: until its width or its height is at most `top_size` px, or there are

@@ -7,7 +7,7 @@ from typing import Literal
 from zpm2.config import Config
 from zpm2.files.places import absolute
 from zpm2.global_match import InitialGeometry
-from zpm2.guided import redetect
+from zpm2.guided import redetection
 from zpm2.guided.prior import Guidance
 from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
 from zpm2.model.messages import about
@@ -23,14 +23,14 @@ class Detected:
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]
     messages: list[str]  # warnings, and notes (`messages`)
-    pair: redetect.Pair | None = None  # where the segmenter can be asked again
+    pair: redetection.Pair | None = None  # where the segmenter can be asked again
     guidance: Guidance | None = None
 
     def sides(self, matches: Sequence[PolygonMatch]) -> tuple[tuple[Side, Side], Sequence[PolygonMatch]]:
         """Both sides of a result, and the matches by the ids that their polygons have there."""
         polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
         if self.pair is not None:
-            polygons, matches = redetect.settle(self.pair, matches)
+            polygons, matches = redetection.settle(self.pair, matches)
         left, right = (
             Side(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
         )
@@ -40,7 +40,7 @@ class Detected:
 class RegionStages:
     """The stages that every method of matching polygons shares: load the segmenter, find the polygons of both images.
 
-    Arguments are those of `PolygonMatcher`.
+    Arguments are those of `PairMatcher`.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class RegionStages:
                 why_not = "no geometry that could guide: each image was segmented alone"
             else:
                 left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
-                pair = redetect.detect((left, right), initial, self.config, self._share)
+                pair = redetection.detect((left, right), initial, self.config, self._share)
                 return self._guided(images, pair, initial)
         self._sides_done = 0
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
@@ -96,14 +96,14 @@ class RegionStages:
     def redetect(self, found: "Detected", matches: Sequence[PolygonMatch], initial: InitialGeometry) -> "Detected":
         """`found` and what asking the left image about the unmatched right polygons adds."""
         assert found.pair is not None
-        return self._guided(found.images, redetect.redetect(found.pair, matches, initial, self.config), initial)
+        return self._guided(found.images, redetection.redetect(found.pair, matches, initial, self.config), initial)
 
-    def _guided(self, images: tuple[Image, Image], pair: redetect.Pair, initial: InitialGeometry) -> "Detected":
+    def _guided(self, images: tuple[Image, Image], pair: redetection.Pair, initial: InitialGeometry) -> "Detected":
         polygons = pair.left.polygons, pair.right.polygons
         left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
         left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
         messages = _messages(images, (left_notes, right_notes), polygons)
-        guidance = redetect.guidance(pair, left, initial, self.config)
+        guidance = redetection.guidance(pair, left, initial, self.config)
         return Detected(images, (left, right), messages, pair, guidance)
 
     def download(self, done: int, total: int) -> None:

@@ -56,7 +56,7 @@ class _Evaluator:
         self.initial, self.placement, self.config = initial, placement, config
         self.support: Support = support(initial.points, self.left, self.right)
         each = np.arange(len(self.left))
-        maps = local_homography.placed_maps(Candidates(each, each), self.left, placement)
+        maps = placement.maps(self.left.centers, each)
         maps[~np.isfinite(maps).all((1, 2))] = np.eye(3)
         frames = transformed(self.left, each, maps)
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
@@ -98,7 +98,7 @@ class _Evaluator:
         """(c, 3, 3): a homography of the pair's own from gamma points on, the placed map moved to the points from one
         point on, the placed map otherwise."""
         points = self.initial.points
-        matrices = local_homography.placed_maps(pairs, self.left, placement)
+        matrices = placement.maps(self.left.centers, pairs.left)
         matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
         some = np.flatnonzero(dsf > 0)
         if len(some) == 0:

@@ -1,31 +1,15 @@
-"""Local rectification (paper 3.4.1): a left polygon as the right image should show it.
-
-With enough homologous points inside both polygons (DSF >= gamma) a homography of the pair's own is fitted to them;
-otherwise the polygon goes to its place from the pyramid with the local affine part of the global homography.
-"""
+"""A homography of its own for each polygon, fitted to the homologous points inside it (paper 3.4.1)."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.global_match import Candidates, Placement
-from zpm2.model import PointMatches, PolygonArrays
+from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
 SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
 STEPS = 7  # of reweighting
 PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
-
-
-def placed_maps(candidates: Candidates, left: PolygonArrays, placement: Placement) -> Array:
-    """(c, 3, 3) maps from the pyramid alone, right ~ map @ left: centre to place, with the local affine part of the map
-    that led there."""
-    center, jacobian = left.centers[candidates.left], placement.expected.linear[candidates.left]
-    matrices = np.zeros((len(candidates), 3, 3))
-    matrices[:, :2, :2] = jacobian
-    matrices[:, :2, 2] = placement.centers[candidates.left] - np.einsum("nij,nj->ni", jacobian, center)
-    matrices[:, 2, 2] = 1.0
-    return matrices
 
 
 def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array) -> Array:

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from zpm2 import geometry
 from zpm2.errors import Failed
-from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
 from zpm2.polygons.transform import transformed
@@ -32,18 +31,6 @@ class Carried:
 
     def __len__(self) -> int:
         return len(self.maps)
-
-
-def forwards(initial: InitialGeometry) -> tuple[PointMatches, Array | Failed]:
-    """The points that agree with the epipolar geometry, left to right, and H."""
-    return initial.points[initial.consistent], initial.homography
-
-
-def backwards(initial: InitialGeometry) -> tuple[PointMatches, Array | Failed]:
-    """The same from right to left."""
-    points, homography = forwards(initial)
-    inverse = homography if isinstance(homography, Failed) else np.asarray(np.linalg.inv(homography), np.float64)
-    return PointMatches(points.right, points.left, points.score), inverse
 
 
 def carry(polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int) -> Carried:

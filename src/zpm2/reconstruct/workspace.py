@@ -63,8 +63,8 @@ def reconstruct(
 ) -> Reconstructed:
     """Reconstruct a workspace from photographs, or go on where an earlier run of the same was interrupted.
 
-    Photographs of one name in two folders keep their sub-folders (`files.listing.distinct_names`); those that lie in the
-    workspace's own images/ are used where they are.
+    Photographs of one name in two folders keep their sub-folders (`files.listing.distinct_names`); those that lie in
+    the workspace's own images/ are used where they are.
 
     known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing
     are COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there,

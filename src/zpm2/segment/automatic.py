@@ -101,7 +101,7 @@ class _Seen:
     def add(self, masks: NDArray[np.bool_], finest: NDArray[np.bool_]) -> None:
         """Masks (n, h, w), and those of them that are the finest of a prompt."""
         self.covered |= finest.any(0)
-        for bits in suppression:
+        for bits in masks:
             self.smallest[bits] = np.minimum(self.smallest[bits], np.count_nonzero(bits))
 
 

@@ -13,7 +13,6 @@ from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image, Polygon
 from zpm2.model.brief import brief
-from zpm2.pose.result import PoseResult
 
 Array = NDArray[np.float64]
 LARGEST = 2.0  # of an original side: a rectified image that would be larger is reduced
@@ -60,46 +59,46 @@ class RectifiedPair:
 
 
 def rectify(
-    result: PoseResult, images: tuple[Image, Image], polygons: tuple[Sequence[Polygon], Sequence[Polygon]]
+    cameras: tuple[Camera, Camera],
+    rotation: Array,
+    translation: Array,
+    points: tuple[Array, Array],
+    images: tuple[Image, Image],
+    polygons: tuple[Sequence[Polygon], Sequence[Polygon]],
 ) -> RectifiedPair | Failed:
-    """The rectified pair (Bouguet's method, OpenCV's stereoRectify) in which the points that agree are seen whole.
+    """The rectified pair (Bouguet's method, OpenCV's stereoRectify) in which the homologous points are seen whole.
 
+    rotation (3, 3), translation (3,): of the right camera from the left one. points: (n, 2) image px of either side.
     images: the originals. polygons: the matched ones of either side; vertices are moved one by one, so that straight
-    edges stay straight, and with distortion, the curves between them are those of the vertices. `Failed` without a
-    translation, and where a camera moved along its own line of sight, so that no such pair exists.
+    edges stay straight, and with distortion, the curves between them are those of the vertices. `Failed` where a camera
+    moved along its own line of sight, so that no such pair exists.
     """
-    translation = result.translation
-    if isinstance(result.pose, Failed):
-        return Failed(f"without a pose there is no rectified pair: {result.pose}")
-    if translation is None:
-        return Failed("a camera that only turned gives no rectified pair")
-    assert not isinstance(result.cameras, Failed)
-    found = _turns(result.pose.rotation, translation)
+    found = _turns(rotation, translation)
     if found is None:
         return Failed("a camera moved along its own line of sight: no rectified pair shows both views")
     *turns, along = found
-    cameras = _cameras(result, turns, along)
+    rectified = _cameras(cameras, points, turns, along)
     left, right = (
         RectifiedSide(_drawn(image, original, turn, camera), _moved(shapes, original, turn, camera), camera, turn)
-        for image, original, turn, camera, shapes in zip(images, result.cameras, turns, cameras, polygons, strict=True)
+        for image, original, turn, camera, shapes in zip(images, cameras, turns, rectified, polygons, strict=True)
     )
     shifts = np.zeros(3), turns[1] @ translation
-    first, second = (c.matrix @ np.c_[np.eye(3), shift] for c, shift in zip(cameras, shifts, strict=True))
+    first, second = (c.matrix @ np.c_[np.eye(3), shift] for c, shift in zip(rectified, shifts, strict=True))
     return RectifiedPair(left, right, along == 1, (first, second))
 
 
-def _cameras(result: PoseResult, turns: Sequence[Array], along: int) -> list[Camera]:
+def _cameras(
+    originals: tuple[Camera, Camera], points: tuple[Array, Array], turns: Sequence[Array], along: int
+) -> list[Camera]:
     """The rectified cameras: of one focal length and size, each with its own offset along the baseline."""
-    assert not isinstance(result.cameras, Failed)
-    sides = result.points.points.left[result.inliers], result.points.points.right[result.inliers]
-    seen = [_seen(*of) for of in zip(result.cameras, turns, sides, strict=True)]
+    seen = [_seen(*of) for of in zip(originals, turns, points, strict=True)]
     low, high = np.array([s.min(0) for s in seen]), np.array([s.max(0) for s in seen])
     low[:, 1 - along], high[:, 1 - along] = low[:, 1 - along].min(), high[:, 1 - along].max()
-    focal, extent = min(camera.focal for camera in result.cameras), (high - low).max(0)
-    focal *= min(1.0, LARGEST * max(max(camera.size) for camera in result.cameras) / float(extent.max() * focal))
+    focal, extent = min(camera.focal for camera in originals), (high - low).max(0)
+    focal *= min(1.0, LARGEST * max(max(camera.size) for camera in originals) / float(extent.max() * focal))
     size = max(1, int(np.ceil(extent[0] * focal))), max(1, int(np.ceil(extent[1] * focal)))
     matrices = [np.array([[focal, 0, -x * focal], [0, focal, -y * focal], [0, 0, 1.0]]) for x, y in low]
-    return [Camera(k, size, source=camera.source) for k, camera in zip(matrices, result.cameras, strict=True)]
+    return [Camera(k, size, source=camera.source) for k, camera in zip(matrices, originals, strict=True)]
 
 
 def _seen(camera: Camera, turn: Array, points: Array) -> Array:

@@ -13,7 +13,7 @@ from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
-from zpm2.polygons.warp import Carried, carry, forwards
+from zpm2.polygons.warp import Carried, carry
 
 Array = NDArray[np.float64]
 AROUND = 100  # points nearest to a cell that has fewer of its own
@@ -89,6 +89,6 @@ def carried_over(polygons: PolygonArrays, cells: Sequence[Cell], gamma: int) -> 
     maps, own = np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, np.int64)
     shapes = np.full(n, shapely.Polygon(), object)
     for cell in cells:
-        part = carry(PolygonArrays([polygons.polygons[row] for row in cell.rows]), *forwards(cell.initial), gamma)
+        part = carry(PolygonArrays([polygons.polygons[row] for row in cell.rows]), *cell.initial.forward(), gamma)
         maps[cell.rows], shapes[cell.rows], own[cell.rows] = part.maps, part.shapes, part.own
     return Carried(maps, shapes, own)

@@ -1,7 +1,7 @@
 """One large pair, tile by tile.
 
 Tiles come level by level, from all of the photograph down to full resolution. A left tile is matched with the window
-of the right photograph to which the points of the level above lead, each such pair by `PolygonMatcher` as if it were a
+of the right photograph to which the points of the level above lead, each such pair by `PairMatcher` as if it were a
 pair of its own (points, guided detection). Then each photograph's regions are stitched, and matched once more as a
 whole, in blocks (`blocks`): what a tile decided is not asked, so that a region of two tiles has one partner.
 """
@@ -35,7 +35,7 @@ from zpm2.model.messages import Note, about, split
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source, reduced
 from zpm2.photos.values import MIN_SIDE
-from zpm2.pipeline import PolygonMatcher, explained
+from zpm2.pipeline import PairMatcher, explained
 from zpm2.result import MatchResult
 from zpm2.runtime import Clock, Progress
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
@@ -70,7 +70,7 @@ class Run:
         config: Config,
         sources: tuple[Source, Source],
         least: tuple[float, float],
-        matcher: PolygonMatcher,
+        matcher: PairMatcher,
         points: PointMatcher | None,
         progress: Progress,
         say: Callable[[str], None],
@@ -92,11 +92,11 @@ class Run:
             segment=replace(self.config.segment, min_area=min(REGION_AREA, self.config.segment.min_area)),
             max_memory=memory.UNLIMITED,  # they were asked about before
         )
-        self.whole = PolygonMatcher(tile_config, segmenter=asked, points=points, progress=quiet)
+        self.whole = PairMatcher(tile_config, segmenter=asked, points=points, progress=quiet)
         once = replace(tile_config, points=replace(tile_config.points, look_again=False))
-        self.tile = PolygonMatcher(once, segmenter=asked, points=points, progress=quiet)
+        self.tile = PairMatcher(once, segmenter=asked, points=points, progress=quiet)
         far = replace(once, points=replace(once.points, max_size=max(max(s.width, s.height) for s in sources)))
-        self.points_only = PolygonMatcher(far, segmenter=_NoRegions(), points=points, progress=quiet)
+        self.points_only = PairMatcher(far, segmenter=_NoRegions(), points=points, progress=quiet)
         stages = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
         name = "/".join([*(segmenter.name for segmenter in segmenters), *([] if points is None else [points.name])])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]

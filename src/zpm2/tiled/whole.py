@@ -1,4 +1,4 @@
-"""Pairs of any size: small ones as they are, large ones tile by tile (`run`)."""
+"""Pairs that are matched as a whole, and which are."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,7 +26,7 @@ def match_whole(
     match: Callable[[Image, Image], MatchResult], sources: tuple[Source, Source], config: Config
 ) -> MatchResult:
     """What `match` makes of both photographs, each as a whole, with where they lie on the ground."""
-    least = _least_areas(sources, config)
+    least = least_areas(sources, config)
     start = perf_counter()
     left, right = (whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True))
     seconds = perf_counter() - start
@@ -42,7 +42,7 @@ def match_whole(
     return result.without_smaller(*least) if config.raster.min_area_m2 else result
 
 
-def _least_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
+def least_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
     """px^2, the smallest polygon of the left and the right photograph."""
     return _least(sources[0], config), _least(sources[1], config)
 

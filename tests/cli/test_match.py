@@ -16,10 +16,10 @@ import shapely
 from rendered import Pair, Run
 
 import zpm2
+from zpm2.api import Matcher
 from zpm2.cli import app
 from zpm2.polygons.rasterize import rasterize
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import TiledMatcher
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 STAGES = ["read", "load", "points", "detect", "global", "local"]
@@ -212,12 +212,12 @@ def _cpu_sift() -> dict[str, Any]:
 def test_segmenter_names_the_model(run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[zpm2.Config] = []
 
-    def stand_in(config: zpm2.Config, **options: Any) -> TiledMatcher:
+    def stand_in(config: zpm2.Config, **options: Any) -> Matcher:
         asked.append(config)
         own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-        return TiledMatcher(config, **{**options, "segmenter": own})
+        return Matcher(config, **{**options, "segmenter": own})
 
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", stand_in)
+    monkeypatch.setattr("zpm2.api.Matcher", stand_in)
     arguments = ["--segmenter", "vit_b", "--points", "sift"]
     assert run("match", pair.left, pair.right, "-o", tmp_path, *arguments).code == 0
     assert asked[0].segment.model == "vit_b"
@@ -238,7 +238,7 @@ def quick_demo(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`zpm2 demo` with the small scene and its own regions; the command line options for it."""
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
     monkeypatch.setattr("zpm2.evaluate.rendered.render_scene", lambda seed: pair.scene)
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", partial(TiledMatcher, segmenter=own))
+    monkeypatch.setattr("zpm2.api.Matcher", partial(Matcher, segmenter=own))
     return ["--set", "points.methods=sift", "--device", "cpu"]
 
 

@@ -26,7 +26,7 @@ from zpm2.guided.prior import Guidance
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
-from zpm2.polygons.warp import backwards, carry, forwards
+from zpm2.polygons.warp import carry
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, Answers, Floor, Prompts
 from zpm2.segment.protocol import PromptedView
@@ -81,7 +81,7 @@ def detect(
     segment, doubtful = config.segment, _doubtful(config)
     found = automatic.everything(views[0], segment, doubtful, progress=lambda share: progress(share / 2))
     left = _regions(views[0], found, config, 0)
-    there = propose(views[1], left, forwards(initial), backwards(initial), config)
+    there = propose(views[1], left, initial.forward(), initial.backward(), config)
     known = automatic.distinct(there.answers, there.overlap, segment, views[1])
     found = automatic.everything(views[1], segment, doubtful, known, lambda share: progress((1 + share) / 2))
     return Pair(left, _regions(views[1], found, config, len(known)))
@@ -96,7 +96,7 @@ def redetect(pair: Pair, matches: Sequence[PolygonMatch], initial: InitialGeomet
     matched = {match.right for match in matches}
     lonely = np.array([k for k in range(len(right)) if k not in matched], np.int64)
     asked = dataclasses.replace(right, answers=right.answers[lonely], polygons=[right.polygons[k] for k in lonely])
-    here = propose(left.view, asked, backwards(initial), forwards(initial), config)
+    here = propose(left.view, asked, initial.backward(), initial.forward(), config)
     n = len(left)
     rank = np.append(2 + np.arange(n, 0.0, -1.0), here.overlap)
     merged = automatic.distinct(Answers.join([left.answers, here.answers]), rank, config.segment, left.view)
@@ -114,7 +114,7 @@ def redetect(pair: Pair, matches: Sequence[PolygonMatch], initial: InitialGeomet
 def guidance(pair: Pair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> Guidance:
     """What the matcher is told about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
-    carried = carry(polygons, *forwards(initial), config.local_match.gamma)
+    carried = carry(polygons, *initial.forward(), config.local_match.gamma)
     return Guidance(carried, (left.sure, right.sure), (left.guided, right.guided), config.guided.min_match_overlap)
 
 

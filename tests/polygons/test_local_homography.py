@@ -11,7 +11,7 @@ from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, Placement
 from zpm2.model import PointMatches
 from zpm2.polygons import local_homography
-from zpm2.polygons.local_homography import fit_homographies, placed_maps
+from zpm2.polygons.local_homography import fit_homographies
 from zpm2.polygons.overlap import overlaps
 from zpm2.polygons.transform import transformed
 
@@ -155,7 +155,7 @@ def test_placed_maps_put_the_centre_to_its_place():
         initial = InitialGeometry(PointMatches.empty(), Failed("none"), h, np.zeros(0, bool), np.zeros(0, bool))
         expected_by_h = initial.expected(polygons.centers)
         placement = Placement(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool), expected_by_h)
-        matrices = placed_maps(each, polygons, placement)
+        matrices = placement.maps(polygons.centers, each.left)
         for k in range(2):
             center = polygons.centers[k]
             assert mapped(matrices[k], center[None])[0] == pytest.approx(places[k])

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from rendered import Pair
 
-from zpm2 import PolygonMatcher, TiledMatcher, Zpm2Error, runtime
+from zpm2 import Zpm2Error, runtime
+from zpm2.api import Matcher
 from zpm2.baselines import BaselineMatcher
 from zpm2.config import Config, PointsConfig, SegmentConfig, TilesConfig
 from zpm2.errors import ForkError
 from zpm2.features import create
 from zpm2.model import Image, Mask
+from zpm2.pipeline import PairMatcher
 from zpm2.runtime import Turns
 from zpm2.segment.predictions import Floor, Prompts
 from zpm2.segment.sam import SamSegmenter
@@ -58,15 +60,13 @@ class OneSquare:
 
 
 MATCHERS: dict[str, Callable[[OneSquare], Callable[..., object]]] = {
-    "whole": lambda segmenter: PolygonMatcher(CONFIG, segmenter=segmenter),
-    "tiled": lambda segmenter: TiledMatcher(
+    "whole": lambda segmenter: PairMatcher(CONFIG, segmenter=segmenter),
+    "tiled": lambda segmenter: Matcher(
         Config(points=SIFT, device="cpu", tiles=TilesConfig(mode="on", size=256)), segmenter=segmenter
     ),
     "baseline": lambda segmenter: BaselineMatcher("shape-context", CONFIG, segmenter=segmenter),
     "regions": lambda segmenter: (
-        lambda left, right: PolygonMatcher(CONFIG, segmenter=segmenter).regions(
-            Image(np.zeros((100, 100, 3), np.uint8))
-        )
+        lambda left, right: PairMatcher(CONFIG, segmenter=segmenter).regions(Image(np.zeros((100, 100, 3), np.uint8)))
     ),
 }
 
@@ -207,9 +207,10 @@ SCRIPT = """
 import os, sys
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from zpm2 import PolygonMatcher, Zpm2Error, config
+from zpm2 import Zpm2Error, config
+from zpm2.pipeline import PairMatcher
 pair = sys.argv[1:]
-matcher = PolygonMatcher(config.assign(config.preset("paper"), ["segment.grid=6"]))
+matcher = PairMatcher(config.assign(config.preset("paper"), ["segment.grid=6"]))
 alone = matcher(*pair)
 with ThreadPoolExecutor(2) as pool:
     found = [f.result() for f in [pool.submit(matcher, *pair) for _ in range(2)]]

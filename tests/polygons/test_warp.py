@@ -12,7 +12,7 @@ from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches
 from zpm2.polygons.overlap import overlaps
-from zpm2.polygons.warp import AROUND, backwards, carry, forwards
+from zpm2.polygons.warp import AROUND, carry
 
 GAMMA = 8
 H = np.array([[0.9, 0.1, 30.0], [-0.1, 1.1, 5.0], [1e-4, -5e-5, 1.0]])
@@ -106,7 +106,7 @@ def test_backwards_undoes_forwards():
     consistent[::7] = False
     initial = InitialGeometry(known, Failed("none"), H, consistent, consistent)
     polygons = some_polygons(rng)
-    there = carry(polygons, *forwards(initial), GAMMA)
-    back = carry(arrays([shapely.get_coordinates(s.exterior)[:-1] for s in there.shapes]), *backwards(initial), GAMMA)
-    assert len(forwards(initial)[0]) == len(backwards(initial)[0]) == consistent.sum()
+    there = carry(polygons, *initial.forward(), GAMMA)
+    back = carry(arrays([shapely.get_coordinates(s.exterior)[:-1] for s in there.shapes]), *initial.backward(), GAMMA)
+    assert len(initial.forward()[0]) == len(initial.backward()[0]) == consistent.sum()
     assert overlaps(back.shapes, polygons.shapes).min() > 0.99

@@ -248,7 +248,8 @@ def test_a_second_run_into_a_folder_ends_at_once(tmp_path):
 def test_runs_that_start_together_are_one_at_a_time(tmp_path):
     """Each of some processes adds 1 to a number when it gets the lock, and tries again when it does not."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom zpm2.files.lock import Taken, locked\nout = Path(sys.argv[1])\n"
+        "import sys, time\nfrom pathlib import Path\nfrom zpm2.files.lock import Taken, locked\n"
+        "out = Path(sys.argv[1])\n"
         "done = 0\nwhile done < 50:\n    try:\n        with locked(out / 'lock'):\n"
         "            n = int((out / 'n').read_text())\n            (out / 'n').write_text(str(n + 1))\n"
         "        done += 1\n    except Taken:\n        time.sleep(0.001)\n"

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from zpm2 import config, geometry
 from zpm2.global_match import InitialGeometry
-from zpm2.guided import redetect
+from zpm2.guided import redetection
 from zpm2.model import PointMatches, PolygonArrays, PolygonMatch
 from zpm2.polygons.overlap import overlaps
 
@@ -45,13 +45,13 @@ def match(left, right):
 
 def test_the_second_image_is_asked_about_the_regions_of_the_first():
     views, initial = scene(right_shy=range(16))
-    pair = redetect.detect(views, initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
     assert len(pair.left) == len(pair.right) == 16
     assert not pair.left.guided.any()
     assert pair.right.guided.all()
     assert pair.left.sure.all()
     assert pair.right.sure.all()
-    guidance = redetect.guidance(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
+    guidance = redetection.guidance(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
     best = [overlaps(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guidance.carried.shapes]
     assert min(best) > 0.9
 
@@ -59,19 +59,19 @@ def test_the_second_image_is_asked_about_the_regions_of_the_first():
 def test_regions_that_only_the_second_image_shows_are_filled_in_by_its_grid():
     views, initial = scene()
     views[0].regions.clear()
-    pair = redetect.detect(views, initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
     assert (len(pair.left), len(pair.right)) == (0, 16)
     assert not pair.right.guided.any()
 
 
 def test_the_first_image_is_asked_about_the_unmatched_regions_of_the_second():
     views, initial = scene(left_shy=range(10))
-    pair = redetect.detect(views, initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
     assert (len(pair.left), len(pair.right)) == (6, 16)
     found = {p.id: q for p in pair.left.polygons for q in [nearest(p, pair)]}
     matches = [match(i, j) for i, j in found.items()]
     asked = len(views[0].asked)
-    both = redetect.redetect(pair, matches, initial, CONFIG)
+    both = redetection.redetect(pair, matches, initial, CONFIG)
     assert len(both.left) == 16
     assert list(both.left.guided) == [False] * 6 + [True] * 10
     assert [p.id for p in both.left.polygons] == list(range(16))
@@ -86,8 +86,8 @@ def nearest(polygon, pair):
 
 def test_what_is_a_region_already_is_not_found_again():
     views, initial = scene()
-    pair = redetect.detect(views, initial, CONFIG)
-    again = redetect.redetect(pair, [], initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
+    again = redetection.redetect(pair, [], initial, CONFIG)
     assert len(again.left) == len(pair.left) == 16
     assert not again.left.guided.any()
 
@@ -96,10 +96,10 @@ def test_an_answer_that_does_not_agree_is_refused():
     views, initial = scene(right_shy=range(16))
     views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
     views[1].__post_init__()
-    wide = redetect.detect(views, initial, CONFIG)
+    wide = redetection.detect(views, initial, CONFIG)
     assert len(wide.right) == 0
     tolerant = config.assign(CONFIG, ["guided.min_overlap=0.4"])
-    assert len(redetect.detect(views, initial, tolerant).right) == 16
+    assert len(redetection.detect(views, initial, tolerant).right) == 16
 
 
 def test_without_points_the_way_back_must_lead_home():
@@ -107,14 +107,14 @@ def test_without_points_the_way_back_must_lead_home():
     views, initial = scene(right_shy=range(16))
     near = initial.points.left[:, 0] < 100
     initial = dataclasses.replace(initial, points=initial.points[near], consistent=np.ones(near.sum(), bool))
-    pair = redetect.detect(views, initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
     assert len(pair.right) == 16  # a plane: the way there and back is right for all of them
     elsewhere = [r for r in views[0].regions if r.shape.centroid.x < 100]
     asked = pair.left
     views[0].regions[:] = elsewhere
     views[0].__post_init__()  # the left image answers nothing about its right half any more
-    there, back = redetect.forwards(initial), redetect.backwards(initial)
-    proposals = redetect.propose(views[1], asked, there, back, CONFIG)
+    there, back = initial.forward(), initial.backward()
+    proposals = redetection.propose(views[1], asked, there, back, CONFIG)
     assert {asked.polygons[k].center[0] < 100 for k in proposals.answers.prompt} == {True}
     assert len(proposals.answers) == len(elsewhere)
 
@@ -124,9 +124,9 @@ def test_what_the_other_image_does_not_show_is_not_asked_about():
     away = np.array([[1, 0, -130.0], [0, 1, 0], [0, 0, 1]])
     points = PointMatches(initial.points.left, geometry.project(away, initial.points.left), initial.points.score)
     initial = dataclasses.replace(initial, points=points, homography=away)
-    asked = redetect.detect(views, initial, CONFIG).left
+    asked = redetection.detect(views, initial, CONFIG).left
     before = len(views[1].asked)
-    redetect.propose(views[1], asked, redetect.forwards(initial), redetect.backwards(initial), CONFIG)
+    redetection.propose(views[1], asked, initial.forward(), initial.backward(), CONFIG)
     visible = sum(
         shapely.box(0, 0, 256, 256).intersection(shapely.transform(p.shape, lambda xy: geometry.project(away, xy))).area
         >= 0.5 * p.area
@@ -141,11 +141,11 @@ def test_doubtful_regions_stay_only_if_they_are_matched():
     views[0].regions[:] = [
         dataclasses.replace(r, score=0.75 if k in doubt else 0.95) for k, r in enumerate(views[0].regions)
     ]
-    pair = redetect.detect(views, initial, CONFIG)
+    pair = redetection.detect(views, initial, CONFIG)
     assert pair.left.sure.sum() == 13
     doubtful = np.flatnonzero(~pair.left.sure)
     partner = nearest(pair.left.polygons[doubtful[0]], pair)
-    (left, right), matches = redetect.settle(pair, [match(int(doubtful[0]), partner)])
+    (left, right), matches = redetection.settle(pair, [match(int(doubtful[0]), partner)])
     assert (len(left), len(right), len(matches)) == (14, 16, 1)
     assert [p.id for p in left] == list(range(14))
     assert np.array_equal(left[matches[0].left].exterior, pair.left.polygons[doubtful[0]].exterior)
@@ -158,7 +158,7 @@ def test_a_mask_below_the_doubtful_floor_is_never_a_region():
     views[0].regions[:] = [
         dataclasses.replace(r, score=CONFIG.guided.min_predicted_iou - 0.01) for r in views[0].regions
     ]
-    assert len(redetect.detect(views, initial, CONFIG).left) == 0
+    assert len(redetection.detect(views, initial, CONFIG).left) == 0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -167,7 +167,7 @@ def test_prompts_lie_deep_inside_their_box(seed):
     shapes = [shapely.Point(rng.uniform(60, 200, 2)).buffer(rng.uniform(5, 40)) for _ in range(6)]
     shapes.append(shapely.box(20, 20, 120, 120).difference(shapely.box(30, 20, 120, 110)))  # its centre is not inside
     cover = PaintedView(blank(), []).cover(np.array(shapes, object))
-    asked = redetect.prompts(cover, 0.5)
+    asked = redetection.prompts(cover, 0.5)
     for bits, points in zip(cover, asked.points * 0.5, strict=True):
         (x, y), low, high = points
         rows, columns = np.nonzero(bits)
@@ -181,7 +181,7 @@ def test_prompts_lie_deep_inside_their_box(seed):
 def test_progress_runs_through_both_images():
     views, initial = scene()
     shares: list[float] = []
-    redetect.detect(views, initial, CONFIG, shares.append)
+    redetection.detect(views, initial, CONFIG, shares.append)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
@@ -197,5 +197,5 @@ def test_of_equally_deep_pixels_the_first_is_asked_wherever_the_shape_lies_in_me
         for shift in (0, 1, 7, 24):
             bits = np.zeros(shape.size + 64, bool)[shift : shift + shape.size].reshape(shape.shape)
             bits[...] = shape
-            point = redetect.prompts(bits[None], 1.0).points[0, 0]
+            point = redetection.prompts(bits[None], 1.0).points[0, 0]
             assert point.tolist() == [deepest[1] + 0.5, deepest[0] + 0.5]

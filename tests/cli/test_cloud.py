@@ -39,12 +39,12 @@ def rig(pair: Pair) -> Rig:
 @pytest.fixture(scope="module")
 def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from zpm2 import config
-    from zpm2.pipeline import PolygonMatcher
+    from zpm2.pipeline import PairMatcher
     from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     chosen = config.assign(config.preset("default"), ["points.methods=sift", "device=cpu"])
     sides = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    return PolygonMatcher(chosen, segmenter=sides)(pair.left, pair.right).save(tmp_path_factory.mktemp("matches"))
+    return PairMatcher(chosen, segmenter=sides)(pair.left, pair.right).save(tmp_path_factory.mktemp("matches"))
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def test_photographs_of_one_name_in_two_folders(
             (tmp_path / "matches.json").write_text(json.dumps(document))
             return MatchResult.load(tmp_path)
 
-    monkeypatch.setattr("zpm2.tiled.TiledMatcher", Matcher)
+    monkeypatch.setattr("zpm2.api.Matcher", Matcher)
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
     for _ in range(2):
         code, _, err = run("cloud", workspace, "-o", tmp_path / "out", *SIFT)

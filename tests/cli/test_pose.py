@@ -18,13 +18,13 @@ QUICK = ["--set", "pose.crops=off", "--device", "cpu"]
 
 @pytest.fixture(scope="module")
 def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from zpm2 import PolygonMatcher
     from zpm2.config import assign, preset
+    from zpm2.pipeline import PairMatcher
     from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
     config = assign(preset("paper"), ["points.methods=sift", "device=cpu"])
     regions = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
-    result = PolygonMatcher(config, segmenter=regions)(pair.left, pair.right)
+    result = PairMatcher(config, segmenter=regions)(pair.left, pair.right)
     return result.save(tmp_path_factory.mktemp("matches"))
 
 
@@ -110,7 +110,7 @@ def test_json(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> No
 def test_it_matches_where_no_matches_are_given(
     pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.pipeline.PolygonMatcher.__call__", lambda *_: MatchResult.load(matches))
+    monkeypatch.setattr("zpm2.pipeline.PairMatcher.__call__", lambda *_: MatchResult.load(matches))
     assert run("pose", pair.left, pair.right, "-o", tmp_path / "p", "--K", k, *QUICK).code == 0
     assert {f.name for f in (tmp_path / "p").iterdir()} >= {"pose.json", "matches.json", "overlay.png"}
 

@@ -9,8 +9,7 @@ from views import SIZE, matched, rotation, views
 
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image
-from zpm2.pose import PoseFinder, PoseResult, RectifiedPair
-from zpm2.stereo import rectify
+from zpm2.pose import PoseFinder, PoseResult, RectifiedPair, rectify
 
 BENT = np.array([-0.1, 0.02, 0.001, -0.001])
 
