@@ -1,14 +1,44 @@
 """How much memory a pair takes, told from its size and the configuration before anything is loaded.
 
-The numbers are `config.MEMORY` and `config.POINT_MEMORY`, measured and rounded up. They are of a whole process.
+The numbers are measured and rounded up. They are of a whole process.
 """
 
 from collections.abc import Sequence
 
 from zpm2 import memory
-from zpm2.config import MEMORY, POINT_MEMORY, Config
+from zpm2.config import Config
 
 Size = tuple[int, int]  # (width, height) px
+
+# Bytes that a process which matches one pair takes at its peak, each rounded up. Measured as the
+# largest resident set of fresh processes of `zpm2 match --tiles off`, Linux, two cores, OpenVINO, the scene of `zpm2
+# demo` enlarged. Of photographs of 1, 4, 12 and 25 megapixels each, in MiB: preset default 1775, 1833, 2019, 2449;
+# preset paper 1474, 1488, 1588, 2115; and of 100 megapixels with a fourth of its prompts 4125. Scenes differ in the
+# number of large regions: "full" allows for a pair of 200 megapixels that was reported to take 20.7 GB (preset paper).
+MEMORY = {
+    "program": 0.6e9,  # what is loaded before any network, and the result
+    "pixel": 25.0,  # for each pixel of both photographs
+    "full": 25.0,  # the same, more where segment.quality is full
+    "tiles": 0.5e9,  # what is kept from one tile to the next, and the cache of blocks (docs/results.md: 2.5 GB in all)
+    # networks that segment, while they work; all but mobile_sam by the size of their weights, not measured
+    "mobile_sam": 1.4e9,
+    "vit_b": 3e9,
+    "vit_l": 5e9,
+    "vit_h": 8e9,
+}
+
+# The same, of point matchers for each pixel of the larger photograph as they see it, measured at 1.4 (xfeat: 12) and
+# for SIFT 12 megapixels; superpoint is as aliked.
+POINT_MEMORY = {
+    "sift": 240.0,
+    "xfeat": 140.0,
+    "xfeat-dense": 140.0,
+    "disk": 2600.0,
+    "aliked": 2000.0,
+    "aliked-n16rot": 2000.0,
+    "aliked-n32": 2000.0,
+    "superpoint": 2000.0,
+}
 
 
 def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:

@@ -1,0 +1,99 @@
+"""How a field of the configuration is declared: its meaning, unit, range and source beside its value, and their check.
+
+grid: int = number(32, "prompts along each image side, grid x grid in all", low=1, high=1000)
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from zpm2.errors import ConfigError
+
+LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
+
+
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """What a field means and which values it may have."""
+
+    meaning: str
+    unit: str = ""
+    low: float = 0.0
+    high: float = LARGEST
+    above: bool = False  # `low` itself is not allowed
+    odd: bool = False
+    share: bool = False  # from 0 to `high`, of a whole
+    source: str = ""  # paper, publication or measurement that the value comes from
+    check: Callable[[str, Any], None] | None = None  # raises `ConfigError` for what the rest cannot say
+
+    def __str__(self) -> str:
+        """Unit, meaning and source in one line."""
+        text = ", ".join(part for part in (self.unit, self.meaning) if part)
+        return f"{text} ({self.source})" if self.source else text
+
+
+def number(
+    default: float,
+    meaning: str,
+    *,
+    unit: str = "",
+    low: float = 0.0,
+    high: float = LARGEST,
+    above: bool = False,
+    odd: bool = False,
+    source: str = "",
+) -> Any:
+    """A field that is a number from `low` (above it, where `above`) to `high`."""
+    return _field(default, Rule(meaning, unit, low, high, above, odd, source=source))
+
+
+def share(default: float, meaning: str, *, high: float = 1.0, above: bool = False, source: str = "") -> Any:
+    """A field that is a share of a whole, from 0 to `high`."""
+    return _field(default, Rule(meaning, f"0..{high:g}", 0.0, high, above, share=True, source=source))
+
+
+def option(
+    default: Any, meaning: str, *, unit: str = "", source: str = "", check: Callable[[str, Any], None] | None = None
+) -> Any:
+    """A field that is a word, a switch or a list. `check(name, value)` raises `ConfigError`."""
+    return _field(default, Rule(meaning, unit, source=source, check=check))
+
+
+def rule_of(item: "dataclasses.Field[Any]") -> Rule:
+    """The rule that a field was declared with."""
+    rule: Rule = item.metadata["rule"]
+    return rule
+
+
+def check(name: str, value: Any, rule: Rule) -> None:
+    """`ConfigError` for a value that its rule does not allow."""
+    numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
+    if any(v != v or v < 0 or v == float("inf") for v in numbers):
+        raise ConfigError(f"{name} must be a finite number >= 0, got {value}")
+    unit = f" {rule.unit}" if rule.unit == "px" else ""
+    for v in numbers:
+        if rule.share and v > rule.high:
+            raise ConfigError(f"{name} is a share from 0 to {rule.high:g}, got {short(v)}")
+        if v > rule.high:
+            raise ConfigError(f"{name} must be at most {rule.high:.10g}, got {short(v)}")
+        if rule.odd and (v < rule.low or v % 2 == 0):
+            raise ConfigError(f"{name} must be odd and at least {rule.low:g}{unit}, got {v}")
+        if rule.above and v <= rule.low:
+            raise ConfigError(f"{name} must be above {rule.low:g}, got {v}")
+        if v < rule.low:
+            raise ConfigError(f"{name} must be at least {rule.low:g}{unit}, got {v}")
+    if rule.check is not None:
+        rule.check(name, value)
+
+
+def short(value: Any) -> str:
+    """What a message says of a value. Python does not write out integers of more than 4300 digits."""
+    try:
+        text = str(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _field(default: Any, rule: Rule) -> Any:
+    return dataclasses.field(default=default, metadata={"rule": rule})

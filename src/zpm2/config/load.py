@@ -1,0 +1,74 @@
+"""Configurations from files, from "stage.field=value" settings, and from options by their short names."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from zpm2.config.parse import hint
+from zpm2.config.whole import Config
+from zpm2.errors import ConfigError
+from zpm2.files.reading import read_json, read_toml
+
+# What the command line and `zpm2.match` call the fields that are set most often.
+OPTIONS = {
+    "segmenter": "segment.model",
+    "quality": "segment.quality",
+    "points": "points.methods",
+    "tiles": "tiles.mode",
+    "bands": "raster.bands",
+    "gsd": "raster.gsd",
+    "min_area_m2": "raster.min_area_m2",
+    "estimator": "pose.estimator",
+    "device": "device",
+    "max_memory": "max_memory",
+    "seed": "seed",
+}
+
+
+def load(path: str | Path, base: Config | None = None) -> Config:
+    """A configuration from a .toml or .json file, laid over `base`."""
+    path = Path(path)
+    try:
+        values = read_json(path) if path.suffix.lower() == ".json" else read_toml(path)
+    except OSError as error:
+        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
+    except RecursionError as error:
+        raise ConfigError(f"configuration {path} is nested too deeply: it holds stages with fields only") from error
+    except ValueError as error:
+        raise ConfigError(f"configuration {path} is not valid {path.suffix.lstrip('.') or 'TOML'}: {error}") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"configuration {path} must hold a table of stages, got {type(values).__name__}")
+    return Config.from_dict(values, base)
+
+
+def assign(config: Config, settings: Sequence[str]) -> Config:
+    """`config` with each "stage.field=value" of `settings` applied (the command line's `--set`).
+
+    >>> assign(Config(), ["segment.grid=16", "points.methods=sift,xfeat"]).points.methods
+    ('sift', 'xfeat')
+    """
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected stage.field=value, for example segment.grid=16")
+        values: Any = text
+        for name in reversed(key.strip().split(".")):
+            values = {name: values}
+        config = Config.from_dict(values, config)
+    return config
+
+
+def with_options(config: Config, options: Mapping[str, Any]) -> Config:
+    """`config` with those `options`, by their names in `OPTIONS`, that are not None.
+
+    >>> with_options(Config(), {"quality": "fast", "seed": None}).segment.quality
+    'fast'
+    """
+    for name, value in options.items():
+        if name not in OPTIONS:
+            raise ConfigError(f"unknown option '{name}'{hint(name, OPTIONS)}; options are: {', '.join(OPTIONS)}")
+        if value is not None:
+            for part in reversed(OPTIONS[name].split(".")):
+                value = {part: value}
+            config = Config.from_dict(value, config)
+    return config

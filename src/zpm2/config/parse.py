@@ -1,0 +1,71 @@
+"""Values of a configuration from plain ones: of the command line, of TOML and of JSON."""
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any, Literal
+
+from zpm2.config.fields import short
+from zpm2.errors import ConfigError
+
+
+def overlay(base: Any, values: Any, where: str = "") -> Any:
+    """The dataclass `base` with `values` laid over it, a nested mapping of field names; `where` is their place, as
+    "stage.". Unknown names and wrong types raise `ConfigError`."""
+    if not isinstance(values, Mapping):
+        raise ConfigError(
+            f"option '{where.rstrip('.')}' is a stage; set one of its fields: "
+            f"{', '.join(f.name for f in dataclasses.fields(base))}"
+        )
+    types_of = typing.get_type_hints(type(base))
+    changed = {}
+    for name, value in values.items():
+        if name not in types_of:
+            raise ConfigError(
+                f"unknown option '{where}{name}'{hint(name, types_of)}; known here: {', '.join(types_of)}"
+            )
+        current = getattr(base, name)
+        if dataclasses.is_dataclass(current):
+            changed[name] = overlay(current, value, f"{where}{name}.")
+        else:
+            changed[name] = _convert(value, types_of[name], f"{where}{name}")
+    return dataclasses.replace(base, **changed)
+
+
+def _convert(value: Any, kind: Any, name: str) -> Any:
+    """`value` (a string from the command line, or a parsed TOML/JSON value) as the field's type."""
+    origin = typing.get_origin(kind)
+    if origin is Literal:
+        choices = typing.get_args(kind)
+        if value in choices:
+            return value
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, got '{value}'")
+    if origin is tuple:
+        parts = value.split(",") if isinstance(value, str) else (value,) if isinstance(value, int | float) else value
+        if not isinstance(parts, list | tuple):
+            raise ConfigError(f"{name} must be a list, got '{value}'")
+        return tuple(_convert(p.strip() if isinstance(p, str) else p, typing.get_args(kind)[0], name) for p in parts)
+    if origin in (types.UnionType, typing.Union):
+        if value is None or value == "none":
+            return None
+        return _convert(value, next(a for a in typing.get_args(kind) if a is not type(None)), name)
+    try:
+        if kind is bool and isinstance(value, str):
+            return {"true": True, "false": False}[value.lower()]
+        if isinstance(value, bool) and kind is not bool:
+            raise ValueError
+        if kind is int and isinstance(value, float) and not value.is_integer():
+            raise ValueError
+        if isinstance(value, str) or (isinstance(value, int | float) and kind in (int, float, bool)):
+            return kind(value)
+    except (ValueError, KeyError, OverflowError):
+        pass
+    raise ConfigError(f"{name} must be of type {kind.__name__}, got '{short(value)}'")
+
+
+def hint(name: str, known: Any) -> str:
+    """ " (did you mean ...?)" where one of the `known` names is close, else nothing."""
+    close = get_close_matches(name, list(known), n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,0 +1,48 @@
+"""Photographs that are large, georeferenced, or of many bands."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from zpm2.config.fields import number, option, share
+from zpm2.errors import ConfigError
+
+
+def _bands(name: str, value: Any) -> None:
+    if len(value) not in (0, 1, 3) or min(value, default=1) < 1:
+        raise ConfigError(f"{name} are one or three band numbers from 1 on, got {','.join(map(str, value))}")
+
+
+def _gsd(name: str, value: Any) -> None:
+    if len(value) > 2 or min(value, default=1) <= 0:
+        raise ConfigError(f"{name} is one number of m per px above 0, or two (left, right)")
+
+
+@dataclass(frozen=True)
+class RasterConfig:
+    """Georeferenced and many-band photographs (extra `geo`)."""
+
+    bands: tuple[int, ...] = option(
+        (), "one (grey) or three (R, G, B), from 1 on; none: those that the file says are colours", check=_bands
+    )
+    gsd: tuple[float, ...] = option(
+        (), "on the ground per px, one or left and right; none: what the files say", unit="m", check=_gsd
+    )
+    min_area_m2: float = number(
+        0.0, "on the ground; smaller polygons are left out, `segment.min_area` counts too", unit="m^2"
+    )
+
+
+@dataclass(frozen=True)
+class TilesConfig:
+    """Large photographs, seen in overlapping tiles of several scales."""
+
+    mode: Literal["off", "on", "auto"] = option("off", "auto: where one has more than 16 megapixels, or is thin")
+    size: int = number(
+        2048,
+        "side of the finest tiles; each level above has tiles three times as wide",
+        unit="px",
+        low=256,
+        high=32_768,
+    )
+    overlap: float = share(0.125, "of a tile's side that neighbouring tiles have in common at least", high=0.5)
+    outside: bool = option(True, "also segment what only one of the photographs shows")

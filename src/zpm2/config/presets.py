@@ -1,0 +1,32 @@
+"""The presets. `paper` holds the values of the paper's "Experimental environment" (4.1.3) wherever it prints one;
+`default` is the best that we know, measured (docs/results.md)."""
+
+from zpm2.config.cloud import CloudConfig
+from zpm2.config.local_match import GuidedConfig, LocalConfig
+from zpm2.config.parse import hint
+from zpm2.config.photos import TilesConfig
+from zpm2.config.points import PointsConfig
+from zpm2.config.pose import PoseConfig
+from zpm2.config.segment import SegmentConfig
+from zpm2.config.whole import Config
+from zpm2.errors import ConfigError
+
+PRESETS: dict[str, Config] = {
+    "paper": Config(),
+    "default": Config(
+        segment=SegmentConfig(quality="fast"),
+        points=PointsConfig(look_again=True),
+        local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
+        guided=GuidedConfig(direction="both"),
+        tiles=TilesConfig(mode="auto"),
+        pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),
+        cloud=CloudConfig(diffusion="surface"),
+    ),
+}
+
+
+def preset(name: str) -> Config:
+    """The configuration of that name; `ConfigError` names the ones that exist."""
+    if name not in PRESETS:
+        raise ConfigError(f"unknown preset '{name}'{hint(name, PRESETS)}; presets are: {', '.join(PRESETS)}")
+    return PRESETS[name]
