@@ -1,12 +1,12 @@
 """Texture: R, the correlation of what two polygons show (paper 3.4.2, Eq. R)."""
 
-import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Image
 from zpm2.photos.sampling import bilinear, pyramid
+from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
 PAIRS = 256  # compared at a time
@@ -57,15 +57,10 @@ class Patches:
         self.inside[rows] = seen & self._cover(frames, x0, y0, x1, y1)
 
     def _cover(self, frames: NDArray[np.object_], x0: Array, y0: Array, x1: Array, y1: Array) -> NDArray[np.bool_]:
-        covered = np.zeros((len(frames), self.size, self.size), np.uint8)
-        low = np.c_[x0, y0]
         scale = self.size / np.maximum(np.c_[x1 - x0, y1 - y0], 1e-9)
-        for k, frame in enumerate(frames):
-            for part in shapely.get_parts(frame):
-                rings = [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
-                corners = [np.round(((r - low[k]) * scale[k] - 0.5) * 16).astype(np.int32) for r in rings]
-                cv2.fillPoly(covered[k], corners, 1, shift=4)
-        return covered.reshape(len(frames), -1).astype(bool)
+        xy, of = shapely.get_coordinates(frames, return_index=True)
+        own = shapely.set_coordinates(frames.copy(), (xy - np.c_[x0, y0][of]) * scale[of])  # px of the patch
+        return rasterize_stack(own, (self.size, self.size)).reshape(len(frames), -1)
 
 
 def correlation(left: Patches, left_rows: NDArray[np.int64], right: Patches, right_rows: NDArray[np.int64]) -> Array:

@@ -1,31 +1,70 @@
-"""Polygons to pixels: the one rule for which pixel lies inside."""
+"""Polygons to pixels: the one rule for which pixel lies inside.
+
+A pixel is inside if its centre is. A centre on an outline belongs to what lies to the right of it or below, so that
+polygons which share an edge share no pixel and leave none out.
+"""
+
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from zpm2.model import Mask
 
+Array = NDArray[np.float64]
+MOST = 1 << 22  # pixels of a stack that are counted at a time
+
 
 def rasterize(shape: shapely.Polygon) -> Mask:
-    """The pixels whose centre lies in `shape` (image px), as the crop of its bounds; undoes `trace`.
-
-    A centre on an outline belongs to what lies to the right of it or below, so that polygons which share an edge share
-    no pixel and leave none out.
-    """
+    """The pixels inside `shape` (image px), as the crop of its bounds; undoes `polygons.trace`."""
     x_min, y_min, x_max, y_max = shape.bounds
     x0, y0 = int(np.floor(x_min)), int(np.floor(y_min))
-    width, height = int(np.ceil(x_max)) - x0, int(np.ceil(y_max)) - y0
-    rings = [shapely.get_coordinates(ring) for ring in (shape.exterior, *shape.interiors)]
-    a, b = np.concatenate([ring[:-1] for ring in rings]), np.concatenate([ring[1:] for ring in rings])
+    size = int(np.ceil(x_max)) - x0, int(np.ceil(y_max)) - y0
+    a, b, _ = _edges(np.array([shape], object))
+    return Mask(x0, y0, _inside(a, b, np.zeros(len(a), np.int64), 1, (x0, y0), size)[0])
+
+
+def rasterize_stack(shapes: NDArray[np.object_], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """(n, height, width) the pixels inside each of (n,) polygons or multipolygons, px of an image of `size` (width,
+    height); what lies beyond it is cut off."""
+    width, height = size
+    bits = np.zeros((len(shapes), height, width), bool)
+    for rows in _chunks(len(shapes), max(1, MOST // max(1, width * height))):
+        a, b, owner = _edges(shapes[rows])
+        bits[rows] = _inside(a, b, owner, rows.stop - rows.start, (0, 0), size)
+    return bits
+
+
+def _edges(shapes: NDArray[np.object_]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Both ends (e, 2) of every edge, the upper one first, and (e,) the row of its shape. An edge is the same from both
+    of its sides, to the last bit."""
+    parts, of_part = shapely.get_parts(shapes, return_index=True)
+    rings, of_ring = shapely.get_rings(parts, return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    together = ring[:-1] == ring[1:]
+    a, b = xy[:-1][together], xy[1:][together]
     down = (a[:, 1] <= b[:, 1])[:, None]
-    a, b = np.where(down, a, b), np.where(down, b, a)  # an edge is the same from both of its sides, to the last bit
-    first = np.ceil(a[:, 1] - 0.5).astype(np.int64)  # rows whose centre line an edge crosses
-    count = np.ceil(b[:, 1] - 0.5).astype(np.int64) - first
+    return np.where(down, a, b), np.where(down, b, a), of_part[of_ring[ring[:-1][together]]]
+
+
+def _inside(
+    a: Array, b: Array, owner: NDArray[np.int64], n: int, corner: tuple[int, int], size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """(n, height, width) by the even-odd rule, in the window of `size` (width, height) that begins at `corner`."""
+    (x0, y0), (width, height) = corner, size
+    first = np.ceil(np.clip(a[:, 1] - 0.5, y0, y0 + height)).astype(np.int64)  # rows whose centre line an edge crosses
+    count = np.ceil(np.clip(b[:, 1] - 0.5, y0, y0 + height)).astype(np.int64) - first
     edge = np.repeat(np.arange(len(a)), count)
     row = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count) + first[edge]
     a, b = a[edge], b[edge]
     crossing = a[:, 0] + (row + 0.5 - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-    column = np.ceil(crossing - 0.5).astype(np.int64)  # first pixel with its centre right of the crossing
-    crossings = np.bincount((row - y0) * (width + 1) + column - x0, minlength=height * (width + 1))
-    inside = np.cumsum(crossings.reshape(height, width + 1), axis=1)[:, :width] % 2 == 1
-    return Mask(x0, y0, inside)
+    column = np.ceil(np.clip(crossing - 0.5, x0, x0 + width)).astype(np.int64)  # first centre right of the crossing
+    at = (owner[edge] * height + row - y0) * (width + 1) + column - x0
+    crossings = np.bincount(at, minlength=n * height * (width + 1)).reshape(n, height, width + 1)
+    return np.cumsum(crossings, axis=2)[:, :, :width] % 2 == 1
+
+
+def _chunks(count: int, most: int) -> Iterator[slice]:
+    for start in range(0, count, most):
+        yield slice(start, min(start + most, count))

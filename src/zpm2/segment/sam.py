@@ -15,6 +15,7 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask, thin
+from zpm2.polygons.rasterize import rasterize_stack
 from zpm2.runtime import Turns
 from zpm2.segment import automatic, suppression
 from zpm2.segment.predictions import LOW, Answers, Floor, Prompts
@@ -118,13 +119,8 @@ class SamView:
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
         """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
-        covered = np.zeros((len(shapes), *self.size), np.uint8)
-        for k in np.flatnonzero(~shapely.is_empty(shapes)):
-            for part in shapely.get_parts(shapes[k]):
-                for ring, value in ((part.exterior, 1), *((hole, 0) for hole in part.interiors)):
-                    corners = np.round((shapely.get_coordinates(ring) * self.low - 0.5) * 16)
-                    cv2.fillPoly(covered[k], [np.clip(corners, -(2**24), 2**24).astype(np.int32)], value, shift=4)
-        return covered.astype(bool)
+        scaled = shapely.transform(shapes, lambda xy: xy * self.low)
+        return rasterize_stack(np.asarray(scaled, object), self.size[::-1])
 
     def masks(self, answers: Answers) -> list[Mask]:
         """Each answer at the image's resolution, without pixels that hold no data."""
