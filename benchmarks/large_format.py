@@ -49,7 +49,7 @@ from zpm2.evaluate.report import table
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import Source, opened
 from zpm2.polygons.repair import mended
-from zpm2.tiled.cells import carried_over, cells
+from zpm2.tiled.cells import cells, warped_by_cells
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 
 Array = NDArray[np.float64]
@@ -168,7 +168,7 @@ def pairs_of(left: Features, right: Features, turn: float | None = None) -> NDAr
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class CandidateScores:
     """Where SIFT puts a left polygon."""
 
     shape: Any  # shapely polygon, right px; None where undecided
@@ -216,11 +216,11 @@ class Check:
         rows = pairs_of(every[0], every[1], float(edges[count.argmax()]))
         return every[0].points[rows[:, 0]], every[1].points[rows[:, 1]]
 
-    def evidence(self, polygon: Polygon) -> Evidence:
+    def evidence(self, polygon: Polygon) -> CandidateScores:
         """For one left polygon."""
         guess = self._coarse(polygon.center)
         if guess is None:
-            return Evidence(None, None, 0, "place not found")
+            return CandidateScores(None, None, 0, "place not found")
         low, high = np.array(polygon.bounds[:2]), np.array(polygon.bounds[2:])
         side = float((high - low).max())
         rim = max(MARGIN, side)
@@ -236,13 +236,13 @@ class Check:
         here, there = left.points[rows[:, 0]], right.points[rows[:, 1]]
         matrix, inliers = _affine(here, there, low, high, reduction)
         if matrix is None:
-            return Evidence(None, None, inliers, "too few features agree")
+            return CandidateScores(None, None, inliers, "too few features agree")
         matrix = _shifted(matrix, here, there, polygon.shape.buffer(0.03 * side), reduction)
         shape = mended(_moved(matrix, polygon.shape))
         extent = _moved(matrix, seen[0]).intersection(seen[1])
         if extent.intersection(shape).area < SEEN * shape.area:
-            return Evidence(None, None, inliers, "out of sight")
-        return Evidence(shape, extent, inliers)
+            return CandidateScores(None, None, inliers, "out of sight")
+        return CandidateScores(shape, extent, inliers)
 
     def _coarse(self, point: Array) -> Array | None:
         """(2, 3) similarity of the coarse features nearest to a point."""
@@ -394,7 +394,7 @@ def show_precision(report: dict[str, Any], worst: int = 15) -> None:
 
 
 def _sheet(
-    result: MatchResult, sources: tuple[Source, Source], found: Sequence[Evidence], ious: Sequence[float | None]
+    result: MatchResult, sources: tuple[Source, Source], found: Sequence[CandidateScores], ious: Sequence[float | None]
 ) -> NDArray[np.uint8]:
     """The worst 40 matches and the first 20 undecided ones: left polygon; right polygon, and where SIFT puts it."""
     pairs = list(zip(result.matches, *result.matched_polygons(), found, ious, strict=True))
@@ -566,7 +566,7 @@ def _matched(
     with mock.patch.multiple(blocks, **{name: timed(name) for name in PARTS}):
         start = perf_counter()
         forth = list(cells(fresh[0], result.points, chosen.tiles.size, chosen))
-        carried = carried_over(fresh[0], forth, chosen.local_match.gamma)
+        carried = warped_by_cells(fresh[0], forth, chosen.local_match.gamma)
         spent["matches"] = blocks.match_blocks(sources, fresh, unasked, forth, carried, chosen.tiles.size, chosen)
         spent["seconds"] = perf_counter() - start
     return spent

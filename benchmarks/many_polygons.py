@@ -32,7 +32,7 @@ from zpm2.photos.source import opened
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.tiled.blocks import match_blocks
-from zpm2.tiled.cells import carried_over, cells
+from zpm2.tiled.cells import cells, warped_by_cells
 
 CELL = 40  # px
 BLOCK = 1024  # px, of the files
@@ -128,7 +128,7 @@ def compare_searches(result: MatchResult, photographs: tuple[Path, Path], config
     side, found = config.tiles.size, {}
     with opened(*photographs) as sources:
         places = list(cells(left, result.points, side, config))
-        carried = carried_over(left, places, config.local_match.gamma)
+        carried = warped_by_cells(left, places, config.local_match.gamma)
         for name in ("pyramid", "fixed") * 2:
             of = assign(config, ["guided.direction=off", f"global_match.search={name}"])
             start = perf_counter()

@@ -18,7 +18,7 @@ from match_pairs import environment
 
 from zpm2.config import SegmentConfig
 from zpm2.photos.images import read_image
-from zpm2.segment.automatic import everything
+from zpm2.segment.automatic import automatic_masks
 from zpm2.segment.sam import SamSegmenter
 
 LEVELS = ("full", "balanced", "fast")
@@ -50,7 +50,7 @@ def main() -> None:
         full = None
         for level in LEVELS:
             count[0], start = 0, time.perf_counter()
-            found = everything(view, dataclasses.replace(segmenter.config, quality=level)).bits
+            found = automatic_masks(view, dataclasses.replace(segmenter.config, quality=level)).bits
             seconds = time.perf_counter() - start
             full = found if full is None else full
             overlap = best_overlaps(full, found)

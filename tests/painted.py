@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Image, Mask
-from zpm2.segment.predictions import CORNER, LOW, Answers, Floor, Prompts
+from zpm2.segment.predictions import CORNER, LOW, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam import SamView, decoded_size, upsample
 
 
@@ -33,28 +33,28 @@ class PaintedView:
 
     def __post_init__(self) -> None:
         self.scale = 1024 / max(self.image.width, self.image.height)
-        self.low = self.scale / 4
+        self.mask_scale = self.scale / 4
         self.size = decoded_size(self.image)
         self.bits = self.cover(np.array([region.shape for region in self.regions], object))
 
     cover = SamView.cover
 
-    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
+    def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         found = []
         for k, points in enumerate(prompts.points):
             self.asked.append(tuple(points[0]))
-            x, y = np.minimum((points[0] * self.low).astype(int), [self.size[1] - 1, self.size[0] - 1])
+            x, y = np.minimum((points[0] * self.mask_scale).astype(int), [self.size[1] - 1, self.size[0] - 1])
             box = shapely.box(*points[prompts.labels >= CORNER].ravel()) if len(points) > 1 else None
             around = [n for n in range(len(self.regions)) if self.bits[n, y, x] and self._answers(n, box)]
             for n in sorted(around, key=lambda n: self.bits[n].sum())[:3]:
                 region = self.regions[n]
-                if region.score >= floor.predicted_iou and region.stability >= floor.stability:
+                if region.score >= thresholds.predicted_iou and region.stability >= thresholds.stability:
                     found.append((k, region.score, region.stability, self.bits[n]))
         if not found:
-            return Answers.none(self.size)
+            return MaskPredictions.none(self.size)
         prompt, score, stability, bits = zip(*found, strict=True)
         logits = np.where(np.stack(bits), 8, -8).astype(np.float16)
-        return Answers(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
+        return MaskPredictions(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
 
     def _answers(self, n: int, box: shapely.Polygon | None) -> bool:
         if box is None:
@@ -62,9 +62,9 @@ class PaintedView:
         own = shapely.box(*self.regions[n].shape.bounds)
         return bool(own.intersection(box).area >= 0.5 * own.union(box).area)
 
-    def masks(self, answers: Answers) -> list[Mask]:
+    def masks(self, predictions: MaskPredictions) -> list[Mask]:
         found = []
-        for logits, score in zip(answers.logits, answers.score, strict=True):
+        for logits, score in zip(predictions.logits, predictions.score, strict=True):
             rows, columns = np.flatnonzero((logits > 0).any(1)), np.flatnonzero((logits > 0).any(0))
             box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
             found.append(upsample(logits, box, self.image, self.scale, float(score)))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zpm2 import MatchResult
 from zpm2.config import preset
 from zpm2.errors import Failed
-from zpm2.model import PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonMatch
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "large_format.py"
 MAP = np.array([[1.02, 0.03, -20.0], [-0.02, 0.98, 12.0]])  # left px -> right px
@@ -44,7 +44,7 @@ def mapped(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def saved(
     folder: Path,
-    sides: list[Side],
+    sides: list[ImagePolygons],
     partners: list[int],
     points: PointMatches,
     homography: NDArray[np.float64] | Failed,
@@ -76,7 +76,7 @@ def result(tmp_path: Path) -> Path:
     for name, image, move in (("left", left, lambda p: p), ("right", right, mapped)):
         path = tmp_path / f"{name}.png"
         cv2.imwrite(str(path), image)
-        sides.append(Side(700, 500, [Polygon(k, move(ring)) for k, ring in enumerate(rings)], str(path)))
+        sides.append(ImagePolygons(700, 500, [Polygon(k, move(ring)) for k, ring in enumerate(rings)], str(path)))
     points = PointMatches(at, mapped(at), np.ones(len(at)))
     homography = np.vstack([MAP, [0, 0, 1]])
     return saved(tmp_path / "result", sides, [0, 1, 2, 4, 3, 5], points, homography)
@@ -106,7 +106,7 @@ def test_of_a_mosaic_features_are_compared_within_their_cell(tmp_path: Path) -> 
     step = np.array([6, 0])
     rings = [square, 512 - square], [square + step, 512 - square - step]
     sides = [
-        Side(512, 512, [Polygon(k, ring) for k, ring in enumerate(each)], str(path))
+        ImagePolygons(512, 512, [Polygon(k, ring) for k, ring in enumerate(each)], str(path))
         for each, path in zip(rings, out, strict=True)
     ]
     for partners, right in (([0, 1], 2), ([1, 0], 0)):

@@ -18,7 +18,7 @@ from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.errors import Failed, InputError, OutputError
-from zpm2.model import PointMatches, Side
+from zpm2.model import ImagePolygons, PointMatches
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 
@@ -35,8 +35,8 @@ def build(left: str | None = "left.png", right: str | None = "right.png") -> Mat
     nodes = np.array([[0, 1], [2, 3]])
     outline = np.array([[10, 10, 8, 10, 0.125], [30, 10, 28, 10.5, 0], [30, 30.0, 28, 30, 0.001]])
     return MatchResult(
-        left=Side(100, 60, lefts, left),
-        right=Side(90, 70, rights, right),
+        left=ImagePolygons(100, 60, lefts, left),
+        right=ImagePolygons(90, 70, rights, right),
         matches=[
             PolygonMatch(3, 1, 0.75, 0.125, 12, "global", 0.5, nodes, outline),
             PolygonMatch(9, 0, 0.3, 2.5, 0, "local"),
@@ -101,7 +101,7 @@ def test_numbers_keep_every_bit(
     match = PolygonMatch(id, 1, score, cost, 3, "guided", score)
     points = PointMatches(ring, ring[::-1], np.full(len(ring), score))
     one = MatchResult(
-        Side(100, 60, [polygon]), before.right, [match], points, before.fundamental, before.homography, {}, {}
+        ImagePolygons(100, 60, [polygon]), before.right, [match], points, before.fundamental, before.homography, {}, {}
     )
     file = tmp_path_factory.mktemp("bits") / "matches.json"
     file.write_text(json.dumps(one.to_dict()))
@@ -248,12 +248,12 @@ def overlapping() -> MatchResult:
         PolygonMatch(k, k, c, 1.0, 0, "global", 1.0, np.array([[0, 0]]) if k == 1 else none)
         for k, c in ((1, 0.9), (2, 0.6), (4, 0.8), (8, 0.7))
     ]
-    side = Side(100, 60, polygons)
+    side = ImagePolygons(100, 60, polygons)
     points = PointMatches(np.array([[15.0, 40]]), np.array([[15.0, 40]]), np.ones(1))
     return MatchResult(side, side, matches, points, Failed("no"), np.eye(3), {"segment": {"min_area": 50.0}}, {})
 
 
-def areas(side: Side) -> dict[int, float]:
+def areas(side: ImagePolygons) -> dict[int, float]:
     return {polygon.id: polygon.area for polygon in side.polygons}
 
 
@@ -293,7 +293,7 @@ def test_a_least_area_of_nothing_is_not_the_usual_one() -> None:
     polygons = [Polygon(k, np.array([[a, b], [c, b], [c, d], [a, d]], np.float64)) for k, (a, b, c, d) in rings.items()]
     matches = [PolygonMatch(k, k, 1 / k, 1.0, 0, "global", 1.0) for k in rings]
     before = dataclasses.replace(
-        overlapping(), left=Side(100, 60, polygons), right=Side(100, 60, polygons), matches=matches
+        overlapping(), left=ImagePolygons(100, 60, polygons), right=ImagePolygons(100, 60, polygons), matches=matches
     )
     for config, kept in (({"segment": {"min_area": 0}}, [1, 2]), ({"segment": {"min_area": 0.0}}, [1, 2]), ({}, [1])):
         assert [m.left for m in dataclasses.replace(before, config=config).flatten().matches] == kept
@@ -310,7 +310,7 @@ def test_every_file_names_a_match_by_one_id(result: MatchResult, tmp_path: Path)
     folder = result.save(tmp_path / "out", ["gpkg", "shapefile", "coco"])
     for name, other in (("left", "right"), ("right", "left")):
         expected = {getattr(m, name): (getattr(m, other), m.id) for m in result.matches}
-        side: Side = getattr(result, name)
+        side: ImagePolygons = getattr(result, name)
         assert 0 < len(expected) < len(side.polygons)
         rows = {p.id: (*expected.get(p.id, (None, None)), side.unmatched.get(p.id)) for p in side.polygons}
         members = "match", "match_id", "unmatched"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from zpm2.errors import Failed
-from zpm2.model import Georeference, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import Georeference, ImagePolygons, PointMatches, Polygon, PolygonMatch
 from zpm2.result import MatchResult
 
-NOT_SAVED = {(Side, "image")}  # pixels stay in the photographs
+NOT_SAVED = {(ImagePolygons, "image")}  # pixels stay in the photographs
 SQUARE = np.array([[0, 0], [30, 0], [30, 30], [0, 30.0]])
 RPC = {"height_off": 12.5, "lat_off": 47.0, "line_num_coeff": [0.0, 1 / 3, *[0.0] * 18], "err_bias": None}
 
@@ -21,7 +21,7 @@ def everything(folder: Path) -> MatchResult:
     """A result of which every field has another value than its default, in one place at least."""
     given = {"name": "Hof", "storeys": 3, "area": None, "tags": ["a", {"b": 0.5}]}
     hole = SQUARE[::-1] / 6 + 5
-    left = Side(
+    left = ImagePolygons(
         200,
         100,
         [Polygon(7, SQUARE + 1 / 3, (hole,), 1 / 3, 9, "roof", "way/123", given), Polygon(9, SQUARE * 2)],
@@ -34,7 +34,7 @@ def everything(folder: Path) -> MatchResult:
     )
     return MatchResult(
         left=left,
-        right=Side(200, 100, [Polygon(0, SQUARE)], None),
+        right=ImagePolygons(200, 100, [Polygon(0, SQUARE)], None),
         matches=[match],
         points=PointMatches(SQUARE / 7, SQUARE / 3, np.arange(4) / 9),
         fundamental=np.arange(9.0).reshape(3, 3) / 7,
@@ -92,7 +92,7 @@ def is_default(field: dataclasses.Field[Any], value: Any) -> bool:
 def test_no_field_is_forgotten_here(tmp_path: Path) -> None:
     found = list(parts(everything(tmp_path)))
     kinds = {type(part) for part in found}
-    assert {MatchResult, Side, Polygon, PolygonMatch, PointMatches, Georeference, Failed} <= kinds
+    assert {MatchResult, ImagePolygons, Polygon, PolygonMatch, PointMatches, Georeference, Failed} <= kinds
     for kind in kinds:
         for field in dataclasses.fields(kind):
             if (kind, field.name) not in NOT_SAVED:

@@ -20,8 +20,8 @@ from zpm2.errors import ForkError
 from zpm2.features import create
 from zpm2.model import Image, Mask
 from zpm2.pipeline import PairMatcher
-from zpm2.runtime import Turns
-from zpm2.segment.predictions import Floor, Prompts
+from zpm2.runtime import OneThreadAtATime
+from zpm2.segment.predictions import MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter
 
 SIFT = PointsConfig(methods=("sift",))
@@ -114,7 +114,10 @@ def test_threads_share_a_segmenter_and_get_their_own_answers() -> None:
     def scores(number: int) -> set[float]:
         view = segmenter.view(Image(np.zeros((1024, 1024, 3), np.uint8)))
         points = np.full((4, 1, 2), 100.0 * number)
-        return {round(score, 3) for score in view.ask(Prompts(points, np.array([1])), Floor(0.05, 0)).score.tolist()}
+        return {
+            round(score, 3)
+            for score in view.ask(Prompts(points, np.array([1])), MaskThresholds(0.05, 0)).score.tolist()
+        }
 
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(scores, range(1, 9))) == [{round(0.1 * k, 3)} for k in range(1, 9)]
@@ -182,7 +185,7 @@ def test_a_child_forked_before_networks_were_loaded_may(monkeypatch: pytest.Monk
 @needs_fork
 def test_a_child_does_not_wait_for_a_thread_that_it_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "_loaded_in", None)
-    one, inside, leave = Turns(), threading.Event(), threading.Event()
+    one, inside, leave = OneThreadAtATime(), threading.Event(), threading.Event()
 
     def hold() -> None:
         with one:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed
-from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import Camera, ImagePolygons, PointMatches, Polygon, PolygonMatch
 from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def matched(of: Views) -> MatchResult:
         area = hull[:, 0] @ np.roll(hull[:, 1], -1) - hull[:, 1] @ np.roll(hull[:, 0], -1)
         rights.append(Polygon(100 + k, hull if area > 0 else hull[::-1]))
         matches.append(PolygonMatch(k, 100 + k, 0.9, 1.0, len(inside), "global", 0.8))
-    sides = Side(*SIZE, lefts), Side(*SIZE, rights)
+    sides = ImagePolygons(*SIZE, lefts), ImagePolygons(*SIZE, rights)
     unknown = Failed("not asked for")
     return MatchResult(*sides, matches, of.points, unknown, unknown, {}, {})
 

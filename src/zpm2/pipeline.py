@@ -14,19 +14,19 @@ from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher, check_methods
-from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, place, search_candidates
 from zpm2.global_match.chance import MIRRORED
-from zpm2.guided.regions import Detected, RegionStages, no_matches
+from zpm2.guided.regions import PairRegions, RegionStages, no_matches
 from zpm2.local_match import match_polygons
 from zpm2.local_match.confidence import unsupported
 from zpm2.local_match.unmatched import reasons, visible
-from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import Note, split
 from zpm2.photos.images import read_image
 from zpm2.photos.source import ImageLike
-from zpm2.polygons.warp import Carried, carry
+from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.result import MatchResult
-from zpm2.runtime import Clock, Progress, resolve_device
+from zpm2.runtime import Progress, StageTimer, resolve_device
 from zpm2.segment.protocol import Segmenter
 
 
@@ -74,7 +74,7 @@ class PairMatcher:
             return self._call(left, right)
 
     def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        config, clock = self.config, Clock(self.progress)
+        config, clock = self.config, StageTimer(self.progress)
         with clock("read"):
             chosen = config.raster.bands
             images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
@@ -88,18 +88,18 @@ class PairMatcher:
         with clock("detect"):
             found = self._regions.detect(images, initial)
         with clock("global"):
-            placement, candidates = self._place(found, initial)
+            locations, candidates = self._place(found, initial)
         with clock("local"):
-            matches = self._match(found, initial, placement, candidates)
+            matches = self._match(found, initial, locations, candidates)
         if found.pair is not None and config.guided.direction == "both":
             with clock("guided"):
                 found = self._regions.redetect(found, matches, initial)
-                placement, candidates = self._place(found, initial)
-                matches = self._match(found, initial, placement, candidates)
+                locations, candidates = self._place(found, initial)
+                matches = self._match(found, initial, locations, candidates)
         sides, matches = found.sides(matches)
         matches = matches if initial.supported else unsupported(matches)
         sides = self._explained(sides, matches, initial)
-        said = [*found.messages, *geometry_warnings(initial), *_placement_note(placement, config)]
+        said = [*found.messages, *geometry_warnings(initial), *_placement_note(locations, config)]
         warnings, notes = split([*said, *no_matches(matches)])
         return MatchResult(
             left=sides[0],
@@ -125,27 +125,27 @@ class PairMatcher:
             return self._regions.load()
 
     def _explained(
-        self, sides: tuple[Side, Side], matches: Sequence[PolygonMatch], initial: InitialGeometry
-    ) -> tuple[Side, Side]:
+        self, sides: tuple[ImagePolygons, ImagePolygons], matches: Sequence[PolygonMatch], initial: InitialGeometry
+    ) -> tuple[ImagePolygons, ImagePolygons]:
         """Both sides, with the reason why a polygon has no partner."""
         left, right = (PolygonArrays(side.polygons) for side in sides)
         config = self.config.local_match
         there, here = (
-            carry(arrays, *carrier, config.gamma)
+            warp_by_points(arrays, *carrier, config.gamma)
             for arrays, carrier in ((left, initial.forward()), (right, initial.backward()))
         )
         return explained(sides, (left, right), matches, (there, here), config.min_overlap)
 
-    def _place(self, found: Detected, initial: InitialGeometry) -> tuple[Placement, Candidates]:
+    def _place(self, found: PairRegions, initial: InitialGeometry) -> tuple[PyramidLocations, Candidates]:
         config, polygons = self.config.global_match, found.polygons
-        placement = place(*found.images, polygons[0].centers, initial, config)
-        return placement, search_candidates(*polygons, placement, config)
+        locations = place(*found.images, polygons[0].centers, initial, config)
+        return locations, search_candidates(*polygons, locations, config)
 
     def _match(
-        self, found: Detected, initial: InitialGeometry, placement: Placement, candidates: Candidates
+        self, found: PairRegions, initial: InitialGeometry, locations: PyramidLocations, candidates: Candidates
     ) -> Sequence[PolygonMatch]:
         config = self.config.local_match
-        return match_polygons(found.images, found.polygons, initial, placement, candidates, config, found.guidance)
+        return match_polygons(found.images, found.polygons, initial, locations, candidates, config, found.guided_prior)
 
     def _load_points(self) -> PointMatcher:
         if self._points is None:
@@ -165,13 +165,13 @@ def on_data(points: PointMatches, images: tuple[Image, Image]) -> PointMatches:
 
 
 def explained(
-    sides: tuple[Side, Side],
+    sides: tuple[ImagePolygons, ImagePolygons],
     polygons: tuple[PolygonArrays, PolygonArrays],
     matches: Sequence[PolygonMatch],
-    carried: tuple[Carried, Carried],
+    warped: tuple[WarpedPolygons, WarpedPolygons],
     min_overlap: float,
-) -> tuple[Side, Side]:
-    """Both sides with their `unmatched`. `carried` are the left polygons in the right image, and the right ones in the
+) -> tuple[ImagePolygons, ImagePolygons]:
+    """Both sides with their `unmatched`. `warped` are the left polygons in the right image, and the right ones in the
     left; a side's `image` may be a reduced one."""
     rows = [{int(id): k for k, id in enumerate(arrays.ids)} for arrays in polygons]
     partners = np.full(len(polygons[0]), -1, np.int64), np.full(len(polygons[1]), -1, np.int64)
@@ -181,18 +181,18 @@ def explained(
     found = []
     for k, side in enumerate(sides):
         other = sides[1 - k]
-        seen = visible(carried[k], (other.width, other.height), None if other.image is None else other.image.valid)
-        why = reasons(polygons[k], polygons[1 - k], partners[k], carried[k], seen, min_overlap)
+        seen = visible(warped[k], (other.width, other.height), None if other.image is None else other.image.valid)
+        why = reasons(polygons[k], polygons[1 - k], partners[k], warped[k], seen, min_overlap)
         found.append(replace(side, unmatched=why))
     return found[0], found[1]
 
 
-def _placement_note(placement: Placement, config: Config) -> list[str]:
+def _placement_note(locations: PyramidLocations, config: Config) -> list[str]:
     """How many polygons the pyramid could not confirm and left where H predicts them."""
-    predicted = ~placement.found
+    predicted = ~locations.found
     if config.global_match.search == "fixed" or not predicted.any():
         return []
-    count, outside = int(predicted.sum()), int((predicted & placement.outside).sum())
+    count, outside = int(predicted.sum()), int((predicted & locations.outside).sum())
     return [
         Note(
             f"{count} of {len(predicted)} left polygons stay where the geometry predicts them: {outside} beyond the "

@@ -38,10 +38,10 @@ from zpm2.formats.layer import Layer, feature_collection
 from zpm2.local_match.exclusive import exclusive
 from zpm2.local_match.outline import outline_correspondence
 from zpm2.local_match.pair_map import pair_maps
-from zpm2.model import Image, PointMatches, Polygon, PolygonArrays, PolygonMatch, Side, counterparts
+from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch, counterparts
 from zpm2.model.brief import brief
 from zpm2.model.messages import split
-from zpm2.photos.source import Held, Source, open_source, reduced
+from zpm2.photos.source import InMemoryPhoto, Source, open_source, reduced
 from zpm2.polygons.rasterize import rasterize
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 from zpm2.view.overlay import overlay, unmatched
@@ -69,8 +69,8 @@ CROP = 300  # px, the longest side at which a crop of it is read
 class MatchResult:
     """The matched pair. All coordinates are px of the original images, pixel centres at +0.5."""
 
-    left: Side
-    right: Side
+    left: ImagePolygons
+    right: ImagePolygons
     matches: Sequence[PolygonMatch]  # one-to-one, by ascending left id
     points: PointMatches
     fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
@@ -206,7 +206,7 @@ class MatchResult:
         if layer.crs is not None:
             with contextlib.suppress(InputError):  # no longitude and latitude: the run has said so
                 return feature_collection(layer)
-        side: Side = getattr(self, name)
+        side: ImagePolygons = getattr(self, name)
         image = side.path or name, side.width, side.height
         return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
 
@@ -217,11 +217,11 @@ class MatchResult:
 
     def _layer(self, name: SideName) -> Layer:
         """One side for a GIS."""
-        side: Side = getattr(self, name)
+        side: ImagePolygons = getattr(self, name)
         return Layer(name, side.polygons, side.geo, counterparts(self.matches, name), side.unmatched)
 
     def _coco(self, name: SideName) -> dict[str, Any]:
-        side: Side = getattr(self, name)
+        side: ImagePolygons = getattr(self, name)
         masks = (rasterize(polygon.shape) for polygon in side.polygons)
         image = side.path or name, side.width, side.height
         return coco(side.polygons, masks, counterparts(self.matches, name), *image, side.unmatched)
@@ -268,7 +268,7 @@ class MatchResult:
         matches = [self.matches[k] for k in sorted(chosen)]
         crops = []
         for name in ("left", "right"):
-            side: Side = getattr(self, name)
+            side: ImagePolygons = getattr(self, name)
             polygons = {polygon.id: polygon for polygon in side.polygons}
             with _opened(side, name, self.config) as source:
                 crops.append([_crop(source, side, polygons[getattr(match, name)]) for match in matches])
@@ -340,7 +340,7 @@ def file_names(formats: Sequence[str] = ()) -> list[str]:
     return [*NAMES, *(name for kind in formats for name in MORE_NAMES[kind])]
 
 
-def _only(side: Side, polygons: Sequence[Polygon], alone: Mapping[int, str]) -> Side:
+def _only(side: ImagePolygons, polygons: Sequence[Polygon], alone: Mapping[int, str]) -> ImagePolygons:
     """The side with no other polygons than these; a parent that is not among them is none. `alone` says why those have
     no partner whose partner went."""
     ids = {polygon.id for polygon in polygons}
@@ -349,7 +349,7 @@ def _only(side: Side, polygons: Sequence[Polygon], alone: Mapping[int, str]) -> 
     return dataclasses.replace(side, polygons=adopted, unmatched=unmatched)
 
 
-def _with_polygons(side: Side, polygons: Sequence[Polygon], lost: Sequence[int]) -> Side:
+def _with_polygons(side: ImagePolygons, polygons: Sequence[Polygon], lost: Sequence[int]) -> ImagePolygons:
     """The side with `polygons` in the place of those that have their ids; those of the ids `lost` have no partner any
     more."""
     new = {polygon.id: polygon for polygon in polygons}
@@ -389,7 +389,7 @@ def _option(config: Mapping[str, Any], stage: str, name: str) -> float:
     return value if isinstance(value, int | float) else usual
 
 
-def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | None = None) -> Image:
+def _pixels(side: ImagePolygons, name: str, config: Mapping[str, Any], longest: int | None = None) -> Image:
     """The photograph of a side, or a version of it reduced to `longest` px or more where that is at hand."""
     if side.image is not None and (longest is not None or side.image.width == side.width):
         return side.image
@@ -398,10 +398,10 @@ def _pixels(side: Side, name: str, config: Mapping[str, Any], longest: int | Non
 
 
 @contextlib.contextmanager
-def _opened(side: Side, name: str, config: Mapping[str, Any]) -> Iterator[Source]:
+def _opened(side: ImagePolygons, name: str, config: Mapping[str, Any]) -> Iterator[Source]:
     """The photograph of a side: the pixels that the result holds, where they are all of it or all there is."""
     if side.image is not None and (side.image.width == side.width or side.path is None):
-        yield Held(side.image)
+        yield InMemoryPhoto(side.image)
         return
     if side.path is None:
         raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
@@ -418,7 +418,7 @@ def _opened(side: Side, name: str, config: Mapping[str, Any]) -> Iterator[Source
         source.close()
 
 
-def _crop(source: Source, side: Side, polygon: Polygon) -> Crop:
+def _crop(source: Source, side: ImagePolygons, polygon: Polygon) -> Crop:
     """A polygon's surroundings; `source` may be a reduced version of the photograph."""
     scale = source.width / side.width
     rings = [ring * scale for ring in (polygon.exterior, *polygon.holes)]

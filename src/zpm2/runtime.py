@@ -31,7 +31,7 @@ def refuse_forked() -> None:
         )
 
 
-class Turns:
+class OneThreadAtATime:
     """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ def resolve_device(name: str) -> str:
     return "cpu"
 
 
-class Clock:
+class StageTimer:
     """Seconds by stage, of all times that it was entered; tells `progress` when one begins and ends."""
 
     def __init__(self, progress: Progress) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View, build, open_caster
 from zpm2.config import CloudConfig, preset
 from zpm2.errors import Failed
-from zpm2.model import Camera, PointMatches, Polygon, PolygonMatch, PosedCamera, Side
+from zpm2.model import Camera, ImagePolygons, PointMatches, Polygon, PolygonMatch, PosedCamera
 from zpm2.result import MatchResult
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def matched(
     sides = []
     for camera in cameras:
         polygons = [Polygon(k, camera.project(outline)) for k, outline in enumerate(outlines)]
-        sides.append(Side(640, 480, polygons))
+        sides.append(ImagePolygons(640, 480, polygons))
     partner = range(len(outlines)) if partner is None else partner
     matches = [PolygonMatch(k, p, 0.9 - 0.01 * k, 1.0, 9, "global") for k, p in enumerate(partner)]
     nothing, why = PointMatches(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)), Failed("not asked for")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from zpm2.errors import Failed
-from zpm2.model import PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonMatch
 from zpm2.result import MatchResult
 
 
@@ -34,8 +34,8 @@ def match(left, right):
 
 def result(left, right, pairs, left_size, right_size=None):
     return MatchResult(
-        left=Side(*left_size, left),
-        right=Side(*(right_size or left_size), right),
+        left=ImagePolygons(*left_size, left),
+        right=ImagePolygons(*(right_size or left_size), right),
         matches=[match(*pair) for pair in pairs],
         points=PointMatches.empty(),
         fundamental=Failed("made up"),

@@ -9,7 +9,7 @@ from test_point_matchers import build, config, texture, warped
 
 from zpm2.config import PointsConfig
 from zpm2.features import create
-from zpm2.features.rotated_retry import MANY, LookAgain, _view
+from zpm2.features.rotated_retry import MANY, RotatedRetry, _view
 from zpm2.geometry import project
 from zpm2.model import Image, PointMatches
 
@@ -56,7 +56,7 @@ class Counting:
 def test_it_looks_as_often_as_it_must(points: int, again: int) -> None:
     matcher = Counting(points)
     image = Image(np.zeros((900, 1300, 3), np.uint8))
-    found = LookAgain(matcher, lambda: matcher, 1600).match(image, image)
+    found = RotatedRetry(matcher, lambda: matcher, 1600).match(image, image)
     assert (matcher.asked, matcher.asked_again) == (1, again)
     assert len(found) == points
 
@@ -64,14 +64,14 @@ def test_it_looks_as_often_as_it_must(points: int, again: int) -> None:
 def test_a_small_image_is_looked_at_once_a_turn() -> None:
     matcher = Counting(0)
     image = Image(np.zeros((300, 400, 3), np.uint8))
-    LookAgain(matcher, lambda: matcher, 1600).match(image, image)
+    RotatedRetry(matcher, lambda: matcher, 1600).match(image, image)
     assert matcher.asked_again == 8
 
 
 def test_it_is_asked_for_by_the_configuration() -> None:
-    assert isinstance(create(PointsConfig(methods=("sift",), look_again=True)), LookAgain)
-    assert not isinstance(create(PointsConfig(methods=("sift",))), LookAgain)
-    assert create(PointsConfig(methods=("sift",), look_again=True)).name == "sift"
+    assert isinstance(create(PointsConfig(methods=("sift",), rotated_retry=True)), RotatedRetry)
+    assert not isinstance(create(PointsConfig(methods=("sift",))), RotatedRetry)
+    assert create(PointsConfig(methods=("sift",), rotated_retry=True)).name == "sift"
 
 
 @pytest.mark.weights
@@ -82,7 +82,7 @@ def test_turned_images(angle: int) -> None:
     centre = cv2.getRotationMatrix2D((160, 128), angle, 0.8)
     turn = np.vstack([centre, [0, 0, 1]])
     right = Image(warped(left.rgb, turn))
-    once, again = (build(config("xfeat", look_again=more)) for more in (False, True))
+    once, again = (build(config("xfeat", rotated_retry=more)) for more in (False, True))
 
     def good(matches: PointMatches) -> int:
         return int((np.linalg.norm(project(turn, matches.left) - matches.right, axis=1) < 3).sum())

@@ -23,7 +23,7 @@ from zpm2.model import Camera
 from zpm2.reconstruct import Options, workspace
 from zpm2.reconstruct.depth import read_sparse
 from zpm2.result import MatchResult
-from zpm2.tiled.tile import Kept
+from zpm2.tiled.tile import TileCache
 from zpm2.weights import converted, licence, store
 from zpm2.weights.manifest import Entry
 
@@ -88,7 +88,7 @@ def _results() -> list[Reader]:
 
 def _tile(folder: Path) -> None:
     path = only(folder)
-    Kept(path.parent.parent, path.parent.name).load("a", ((0, 0, 48, 40), (0, 0, 48, 40)))
+    TileCache(path.parent.parent, path.parent.name).load("a", ((0, 0, 48, 40), (0, 0, 48, 40)))
 
 
 def _folders() -> list[Reader]:

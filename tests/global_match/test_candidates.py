@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zpm2.config import GlobalConfig
-from zpm2.global_match import Candidates, Expected, Placement, search_candidates
+from zpm2.global_match import Candidates, PriorLocations, PyramidLocations, search_candidates
 from zpm2.model import Polygon, PolygonArrays
 
 CONFIG = GlobalConfig()
@@ -20,8 +20,8 @@ def boxes(centers, sides):
 
 def at(centers):
     n, centers = len(centers), np.asarray(centers, float)
-    expected = Expected(centers, np.tile(np.eye(2), (n, 1, 1)))
-    return Placement(centers, np.ones(n, bool), np.ones(n), np.zeros(n, bool), expected)
+    expected = PriorLocations(centers, np.tile(np.eye(2), (n, 1, 1)))
+    return PyramidLocations(centers, np.ones(n, bool), np.ones(n), np.zeros(n, bool), expected)
 
 
 @given(st.integers(0, 10**6), st.sampled_from(["pyramid", "fixed"]))

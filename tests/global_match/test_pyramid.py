@@ -99,12 +99,12 @@ def test_fast_is_the_reference(seed, with_f, with_h):
 @settings(max_examples=6, deadline=None)
 def test_known_shift_to_a_fraction_of_a_pixel(seed, dx, dy):
     truth, centers = translation(dx, dy), grid()
-    placement = place(*pair(truth, seed), centers, known(fundamental(truth), translation(dx + 7, dy - 5)), CONFIG)
-    error = np.linalg.norm(placement.centers - centers - [dx, dy], axis=1)
-    assert placement.found.all()
+    locations = place(*pair(truth, seed), centers, known(fundamental(truth), translation(dx + 7, dy - 5)), CONFIG)
+    error = np.linalg.norm(locations.centers - centers - [dx, dy], axis=1)
+    assert locations.found.all()
     assert np.median(error) < 0.25
     assert error.max() < 0.8
-    assert placement.correlation.min() > 0.9
+    assert locations.correlation.min() > 0.9
 
 
 @pytest.mark.parametrize("degrees", [-40, 15, 40])
@@ -114,10 +114,10 @@ def test_rotation_scale_and_a_homography_that_is_off(degrees):
     centers = grid()
     exact = geometry.project(truth, centers)
     centers, exact = centers[within(exact)], exact[within(exact)]
-    placement = place(*pair(truth), centers, known(fundamental(truth), translation(5, 6) @ truth), CONFIG)
-    error = np.linalg.norm(placement.centers - exact, axis=1)
+    locations = place(*pair(truth), centers, known(fundamental(truth), translation(5, 6) @ truth), CONFIG)
+    error = np.linalg.norm(locations.centers - exact, axis=1)
     assert len(centers) > 15
-    assert placement.found.mean() > 0.95
+    assert locations.found.mean() > 0.95
     assert np.median(error) < 0.5
 
 
@@ -138,17 +138,17 @@ def test_without_fundamental_matrix_or_homography():
     truth, centers = translation(-11.4, 3.7), grid()
     images = pair(truth)
     for initial in (known(h=translation(-5, 0)), known(f=fundamental(truth)), known()):
-        placement = place(*images, centers, initial, CONFIG)
-        assert placement.found.all()
-        assert np.median(np.linalg.norm(placement.centers - centers - truth[:2, 2], axis=1)) < 0.15
+        locations = place(*images, centers, initial, CONFIG)
+        assert locations.found.all()
+        assert np.median(np.linalg.norm(locations.centers - centers - truth[:2, 2], axis=1)) < 0.15
 
 
 def test_the_epipolar_band_is_kept():
     truth, centers = translation(-11.0, 0.0), grid()
     wrong = fundamental(translation(-11.0, 9.0))  # every epipolar line 9 px too low
-    placement = place(*pair(truth), centers, known(wrong, translation(-11.0, 9.0)), CONFIG)
-    distance = geometry.epipolar_distance(wrong, centers, placement.centers)
-    assert distance[placement.found].max(initial=0) <= CONFIG.band + 0.8
+    locations = place(*pair(truth), centers, known(wrong, translation(-11.0, 9.0)), CONFIG)
+    distance = geometry.epipolar_distance(wrong, centers, locations.centers)
+    assert distance[locations.found].max(initial=0) <= CONFIG.band + 0.8
 
 
 def test_no_texture_falls_back_to_the_prediction_and_says_so():
@@ -157,45 +157,45 @@ def test_no_texture_falls_back_to_the_prediction_and_says_so():
     gray[140:340, 220:420] = 100
     centers = np.array([[320.0, 240.0], [80.0, 80.0]])
     guess = translation(-14.0, 3.0)
-    placement = place(image(gray), image(carried(gray, truth)), centers, known(h=guess), CONFIG)
-    assert placement.found.tolist() == [False, True]
-    assert placement.centers[0] == pytest.approx([306.0, 243.0])
-    assert placement.correlation[0] == 0
-    assert not placement.outside.any()
+    locations = place(image(gray), image(carried(gray, truth)), centers, known(h=guess), CONFIG)
+    assert locations.found.tolist() == [False, True]
+    assert locations.centers[0] == pytest.approx([306.0, 243.0])
+    assert locations.correlation[0] == 0
+    assert not locations.outside.any()
 
 
 def test_places_outside_of_the_right_image_are_flagged():
     centers = np.array([[20.0, 240.0], [320.0, 240.0], [WIDTH - 20.0, 240.0]])
     far = translation(300.0, 0.0)
-    placement = place(*pair(far), centers, known(h=far), CONFIG)
-    assert placement.outside.tolist() == [False, False, True]
-    assert placement.found.tolist() == [True, True, False]
-    assert placement.centers[2] == pytest.approx([WIDTH + 280.0, 240.0])
+    locations = place(*pair(far), centers, known(h=far), CONFIG)
+    assert locations.outside.tolist() == [False, False, True]
+    assert locations.found.tolist() == [True, True, False]
+    assert locations.centers[2] == pytest.approx([WIDTH + 280.0, 240.0])
 
 
 def test_behind_the_horizon_there_is_no_place():
     h = np.eye(3)
     h[2, 0] = -1 / 400
-    placement = place(*pair(np.eye(3)), np.array([[500.0, 200.0], [10.0, 10.0]]), known(h=h), CONFIG)
-    assert np.isnan(placement.centers[0]).all()
-    assert np.isfinite(placement.centers[1]).all()
-    assert placement.outside[0]
-    assert not placement.found[0]
+    locations = place(*pair(np.eye(3)), np.array([[500.0, 200.0], [10.0, 10.0]]), known(h=h), CONFIG)
+    assert np.isnan(locations.centers[0]).all()
+    assert np.isfinite(locations.centers[1]).all()
+    assert locations.outside[0]
+    assert not locations.found[0]
 
 
 def test_fixed_search_takes_the_predicted_place():
     h = translation(12.0, 5.0)
-    placement = place(*pair(h), grid(), known(h=h), dataclasses.replace(CONFIG, search="fixed"))
-    assert placement.centers == pytest.approx(grid() + np.array([12, 5]))
-    assert not placement.found.any()
+    locations = place(*pair(h), grid(), known(h=h), dataclasses.replace(CONFIG, search="fixed"))
+    assert locations.centers == pytest.approx(grid() + np.array([12, 5]))
+    assert not locations.found.any()
 
 
 def test_nothing_to_place_and_images_smaller_than_the_template():
     assert place(*pair(np.eye(3)), np.zeros((0, 2)), known(), CONFIG).centers.shape == (0, 2)
     tiny = image(texture(6, 5, 0))
-    placement = place(tiny, tiny, np.array([[2.0, 3.0]]), known(), CONFIG)
-    assert not placement.found[0]
-    assert placement.centers[0] == pytest.approx([2, 3])
+    locations = place(tiny, tiny, np.array([[2.0, 3.0]]), known(), CONFIG)
+    assert not locations.found[0]
+    assert locations.centers[0] == pytest.approx([2, 3])
 
 
 def test_chunks_do_not_show(monkeypatch):

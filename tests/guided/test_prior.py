@@ -3,16 +3,16 @@ import shapely
 from shapes import arrays, square
 
 from zpm2.global_match import Candidates
-from zpm2.guided.prior import MIN_AGREEMENT, Guidance
-from zpm2.polygons.warp import Carried
+from zpm2.guided.prior import MIN_AGREEMENT, GuidedPrior
+from zpm2.polygons.warp import WarpedPolygons
 
 
-def guidance():
+def guided_prior():
     shapes = np.array([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10), shapely.Polygon()], object)
-    carried = Carried(np.tile(np.eye(3), (3, 1, 1)), shapes, np.zeros(3, np.int64))
-    return Guidance(
-        carried,
-        sure=(np.array([True, False, True]), np.array([True, True, False])),
+    warped = WarpedPolygons(np.tile(np.eye(3), (3, 1, 1)), shapes, np.zeros(3, np.int64))
+    return GuidedPrior(
+        warped,
+        confident=(np.array([True, False, True]), np.array([True, True, False])),
         guided=(np.array([False, False, True]), np.array([False, True, False])),
         min_overlap=0.5,
     )
@@ -26,14 +26,14 @@ def test_only_doubtful_pairs_need_agreement():
     asked = pairs((0, 0), (1, 0), (1, 0), (1, 0), (0, 2))
     overlap = np.array([0.36, 0.9, 0.49, 0.9, 0.6])
     agreement = np.array([0.0, 0.9, 0.9, MIN_AGREEMENT - 0.01, MIN_AGREEMENT])
-    assert list(guidance().believes(asked, overlap, agreement)) == [True, True, False, False, True]
+    assert list(guided_prior().believes(asked, overlap, agreement)) == [True, True, False, False, True]
 
 
 def test_found_by_asking():
-    assert list(guidance().found(pairs((0, 0), (0, 1), (2, 0), (2, 1)))) == [False, True, True, True]
+    assert list(guided_prior().found(pairs((0, 0), (0, 1), (2, 0), (2, 1)))) == [False, True, True, True]
 
 
 def test_what_carried_polygons_meet_becomes_a_candidate():
     right = arrays([square(5, 5, 15, 15), square(25, 2, 28, 4), square(100, 100, 110, 110)])
-    found = guidance().candidates(pairs((0, 2), (0, 0)), right)
+    found = guided_prior().candidates(pairs((0, 2), (0, 0)), right)
     assert list(zip(found.left, found.right, strict=True)) == [(0, 0), (0, 2), (1, 1)]

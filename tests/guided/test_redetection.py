@@ -35,8 +35,8 @@ def scene(left_shy=(), right_shy=(), points=600, size=256):
     right = PaintedView(blank(size, size, 2), [Region(moved(s), shy=k in right_shy) for k, s in enumerate(shapes)])
     at = np.random.default_rng(0).uniform(0, 256, (points, 2))
     known = PointMatches(at, geometry.project(H, at), np.ones(points))
-    everything = np.ones(points, bool)
-    return (left, right), InitialGeometry(known, np.zeros((3, 3)), H, everything, everything)
+    automatic_masks = np.ones(points, bool)
+    return (left, right), InitialGeometry(known, np.zeros((3, 3)), H, automatic_masks, automatic_masks)
 
 
 def match(left, right):
@@ -49,10 +49,12 @@ def test_the_second_image_is_asked_about_the_regions_of_the_first():
     assert len(pair.left) == len(pair.right) == 16
     assert not pair.left.guided.any()
     assert pair.right.guided.all()
-    assert pair.left.sure.all()
-    assert pair.right.sure.all()
-    guidance = redetection.guidance(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
-    best = [overlaps(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guidance.carried.shapes]
+    assert pair.left.confident.all()
+    assert pair.right.confident.all()
+    guided_prior = redetection.guided_prior(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
+    best = [
+        overlaps(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guided_prior.warped.shapes
+    ]
     assert min(best) > 0.9
 
 
@@ -76,7 +78,7 @@ def test_the_first_image_is_asked_about_the_unmatched_regions_of_the_second():
     assert list(both.left.guided) == [False] * 6 + [True] * 10
     assert [p.id for p in both.left.polygons] == list(range(16))
     assert len(views[0].asked) - asked == 10  # one prompt for each that has no partner
-    assert both.left.answers.logits.shape[0] == 16
+    assert both.left.predictions.logits.shape[0] == 16
 
 
 def nearest(polygon, pair):
@@ -114,9 +116,9 @@ def test_without_points_the_way_back_must_lead_home():
     views[0].regions[:] = elsewhere
     views[0].__post_init__()  # the left image answers nothing about its right half any more
     there, back = initial.forward(), initial.backward()
-    proposals = redetection.propose(views[1], asked, there, back, CONFIG)
-    assert {asked.polygons[k].center[0] < 100 for k in proposals.answers.prompt} == {True}
-    assert len(proposals.answers) == len(elsewhere)
+    proposals = redetection.accepted_masks(views[1], asked, there, back, CONFIG)
+    assert {asked.polygons[k].center[0] < 100 for k in proposals.predictions.prompt} == {True}
+    assert len(proposals.predictions) == len(elsewhere)
 
 
 def test_what_the_other_image_does_not_show_is_not_asked_about():
@@ -126,7 +128,7 @@ def test_what_the_other_image_does_not_show_is_not_asked_about():
     initial = dataclasses.replace(initial, points=points, homography=away)
     asked = redetection.detect(views, initial, CONFIG).left
     before = len(views[1].asked)
-    redetection.propose(views[1], asked, initial.forward(), initial.backward(), CONFIG)
+    redetection.accepted_masks(views[1], asked, initial.forward(), initial.backward(), CONFIG)
     visible = sum(
         shapely.box(0, 0, 256, 256).intersection(shapely.transform(p.shape, lambda xy: geometry.project(away, xy))).area
         >= 0.5 * p.area
@@ -142,8 +144,8 @@ def test_doubtful_regions_stay_only_if_they_are_matched():
         dataclasses.replace(r, score=0.75 if k in doubt else 0.95) for k, r in enumerate(views[0].regions)
     ]
     pair = redetection.detect(views, initial, CONFIG)
-    assert pair.left.sure.sum() == 13
-    doubtful = np.flatnonzero(~pair.left.sure)
+    assert pair.left.confident.sum() == 13
+    doubtful = np.flatnonzero(~pair.left.confident)
     partner = nearest(pair.left.polygons[doubtful[0]], pair)
     (left, right), matches = redetection.settle(pair, [match(int(doubtful[0]), partner)])
     assert (len(left), len(right), len(matches)) == (14, 16, 1)
@@ -169,9 +171,9 @@ def test_prompts_lie_deep_inside_their_box(seed):
     cover = PaintedView(blank(), []).cover(np.array(shapes, object))
     asked = redetection.prompts(cover, 0.5)
     for bits, points in zip(cover, asked.points * 0.5, strict=True):
-        (x, y), low, high = points
+        (x, y), mask_scale, high = points
         rows, columns = np.nonzero(bits)
-        assert list(low) == [columns.min(), rows.min()]
+        assert list(mask_scale) == [columns.min(), rows.min()]
         assert list(high) == [columns.max() + 1, rows.max() + 1]
         outside = np.argwhere(~bits)[:, ::-1] + 0.5
         depth, _ = cKDTree(outside).query(np.c_[columns, rows] + 0.5)

@@ -8,7 +8,7 @@ from twoplanes import Scene, scene
 
 from zpm2.config import PRESETS, Config, LocalConfig
 from zpm2.errors import Failed
-from zpm2.global_match import Candidates, InitialGeometry, Placement, initial_geometry, place, search_candidates
+from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, place, search_candidates
 from zpm2.local_match import match_polygons, matcher
 from zpm2.local_match.confidence import confidence, unsupported
 from zpm2.model import PointMatches, PolygonArrays
@@ -19,9 +19,9 @@ NEAR, FAR = 40.0, 150.0  # px of disparity between the planes: within reach of t
 
 def run(given: Scene, config: Config = PAPER, initial: InitialGeometry | None = None):
     initial = initial or initial_geometry(given.points, config.global_match, config.seed)
-    placement = place(*given.images, given.polygons[0].centers, initial, config.global_match)
-    candidates = search_candidates(*given.polygons, placement, config.global_match)
-    return match_polygons(given.images, given.polygons, initial, placement, candidates, config.local_match)
+    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    candidates = search_candidates(*given.polygons, locations, config.global_match)
+    return match_polygons(given.images, given.polygons, initial, locations, candidates, config.local_match)
 
 
 def pairs(matches):
@@ -134,7 +134,9 @@ def test_without_places_the_second_round_does_it_all(off):
     given = scene(NEAR)
     initial = initial_geometry(given.points, PAPER.global_match, 0)
     n, centers = len(given.polygons[0]), given.polygons[0].centers
-    nowhere = Placement(centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool), initial.expected(centers))
+    nowhere = PyramidLocations(
+        centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool), initial.expected(centers)
+    )
     none = Candidates.of(np.zeros(0, np.int64), np.zeros(0, np.int64))
     matches = match_polygons(given.images, given.polygons, initial, nowhere, none, PAPER.local_match)
     assert {match.stage for match in matches} == {"local"}
@@ -163,9 +165,9 @@ def test_polygons_on_the_border_and_of_no_texture_do_no_harm():
 
 def test_evaluated_pairs_grow_with_the_polygons_not_with_their_square(monkeypatch):
     evaluated = []
-    evaluate = matcher._Evaluator.evaluate
+    evaluate = matcher._CandidateScorer.evaluate
     monkeypatch.setattr(
-        matcher._Evaluator,
+        matcher._CandidateScorer,
         "evaluate",
         lambda self, given, *rest: evaluated.append(len(given)) or evaluate(self, given, *rest),
     )

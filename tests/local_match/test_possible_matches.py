@@ -15,9 +15,9 @@ from zpm2.model import PolygonArrays, PolygonMatch
 
 def stages(given, config):
     initial = initial_geometry(given.points, config.global_match, config.seed)
-    placement = place(*given.images, given.polygons[0].centers, initial, config.global_match)
-    candidates = search_candidates(*given.polygons, placement, config.global_match)
-    return given.images, given.polygons, initial, placement, candidates, config.local_match
+    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    candidates = search_candidates(*given.polygons, locations, config.global_match)
+    return given.images, given.polygons, initial, locations, candidates, config.local_match
 
 
 def values(match):

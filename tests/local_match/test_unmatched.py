@@ -7,24 +7,24 @@ from shapes import arrays, square
 
 from zpm2.local_match.unmatched import REASONS, reasons, visible
 from zpm2.model import PolygonArrays
-from zpm2.polygons.warp import Carried
+from zpm2.polygons.warp import WarpedPolygons
 
 SIZE = 400, 300  # px of the right photograph
 SHIFT = np.array([50.0, 0.0])  # left px to right px
 MIN_OVERLAP = 0.3
 
 
-def carried(rings, shift=SHIFT):
+def warped(rings, shift=SHIFT):
     """Where the squares should be; None for one of which nothing says it."""
     shapes = [shapely.Polygon() if ring is None else shapely.Polygon(ring + shift) for ring in rings]
     array = np.empty(len(rings), object)
     array[:] = shapes
-    return Carried(np.tile(np.eye(3), (len(rings), 1, 1)), array, np.zeros(len(rings), int))
+    return WarpedPolygons(np.tile(np.eye(3), (len(rings), 1, 1)), array, np.zeros(len(rings), int))
 
 
 def why(left, right, partner, known=None, valid=None, min_overlap=MIN_OVERLAP):
     """Reasons by row of the left rings."""
-    there = carried(left if known is None else known)
+    there = warped(left if known is None else known)
     seen = visible(there, SIZE, valid)
     given = arrays(left), arrays(right) if right else PolygonArrays([])
     found = reasons(*given, np.array(partner, np.int64), there, seen, min_overlap)
@@ -41,8 +41,8 @@ def test_matched_polygons_need_no_reason():
 
 @pytest.mark.parametrize(("x", "outside"), [(300, False), (315, False), (325, True), (380, True)])
 def test_outside_overlap_is_less_than_half_in_the_photograph(x, outside):
-    lonely = square(x, 10, x + 60, 60)  # of which 350 - x px are seen
-    assert why([lonely], [A], [-1]) == {0: "outside overlap" if outside else "no candidate"}
+    unmatched = square(x, 10, x + 60, 60)  # of which 350 - x px are seen
+    assert why([unmatched], [A], [-1]) == {0: "outside overlap" if outside else "no candidate"}
 
 
 def test_outside_overlap_is_where_there_are_no_data():
@@ -128,24 +128,24 @@ def test_all_reasons_in_one_scene():
     ],
 )
 def test_the_share_that_lies_in_the_photograph(ring, share):
-    there = carried([ring], 0.0)
+    there = warped([ring], 0.0)
     assert visible(there, SIZE) == pytest.approx([share])
     assert visible(there, SIZE, np.ones((30, 40), bool)) == pytest.approx([share])
     assert visible(there, SIZE, np.zeros((30, 40), bool)) == pytest.approx([0.0])
 
 
 def test_an_empty_shape_is_not_visible():
-    there = carried([None, A], 0.0)
+    there = warped([None, A], 0.0)
     assert visible(there, SIZE).tolist() == [0.0, 1.0]
     assert visible(there, SIZE, np.ones((300, 400), bool)).tolist() == [0.0, 1.0]
-    assert visible(carried([]), SIZE).shape == (0,)
-    assert visible(carried([]), SIZE, np.ones((300, 400), bool)).shape == (0,)
+    assert visible(warped([]), SIZE).shape == (0,)
+    assert visible(warped([]), SIZE, np.ones((300, 400), bool)).shape == (0,)
 
 
 def test_an_outline_along_the_end_of_the_data_is_no_gap():
     valid = np.ones((300, 400), bool)
     valid[:, :200] = False
-    assert visible(carried([square(199, 50, 300, 250)], 0.0), SIZE, valid) == pytest.approx([1.0])
+    assert visible(warped([square(199, 50, 300, 250)], 0.0), SIZE, valid) == pytest.approx([1.0])
 
 
 @pytest.mark.parametrize("resolution", [(300, 400), (75, 100), (30, 41)])
@@ -154,7 +154,7 @@ def test_data_in_a_part_of_it(resolution):
     valid[:, : resolution[1] // 2] = False
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     disc = 60 * np.c_[np.cos(angle), np.sin(angle)]
-    there = carried([disc + np.array([x, 150]) for x in (100, 200, 300)], 0.0)
+    there = warped([disc + np.array([x, 150]) for x in (100, 200, 300)], 0.0)
     share = visible(there, SIZE, valid)
     assert share[0] == 0
     assert 0.35 < share[1] < 0.65

@@ -7,14 +7,14 @@ import pytest
 
 import zpm2
 from zpm2.errors import Failed
-from zpm2.model import Camera, Georeference, Image, Mask, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import Camera, Georeference, Image, ImagePolygons, Mask, PointMatches, Polygon, PolygonMatch
 from zpm2.model.brief import LONGEST
 from zpm2.result import MatchResult
 
 RING = np.random.default_rng(0).uniform(0, 900, (700, 2))
 POLYGON = Polygon(4, RING, score=0.98765432)
 POINTS = PointMatches(RING, RING, RING[:, 0])
-SIDE = Side(900, 800, [POLYGON] * 120, "a/" * 90 + "left.png", Image(np.zeros((800, 900, 3), np.uint8)))
+SIDE = ImagePolygons(900, 800, [POLYGON] * 120, "a/" * 90 + "left.png", Image(np.zeros((800, 900, 3), np.uint8)))
 MATCH = PolygonMatch(4, 4, 0.9, 0.2, 30, "global", nodes=np.zeros((90, 2), np.int64))
 RESULT = MatchResult(
     SIDE, SIDE, [MATCH] * 100, POINTS, np.eye(3), Failed("too few points"), {"a": {}}, {"read": 1.0}, ["careful"] * 3
@@ -42,7 +42,7 @@ def test_one_short_line(data: object) -> None:
 
 def test_numbers_and_names_are_shown_arrays_and_lists_are_counted() -> None:
     assert repr(POLYGON) == "Polygon(id=4, exterior 700 x 2, score=0.9877)"
-    assert repr(Side(5, 4, [POLYGON], "a.png")) == "Side(width=5, height=4, 1 polygons, path='a.png')"
+    assert repr(ImagePolygons(5, 4, [POLYGON], "a.png")) == "Side(width=5, height=4, 1 polygons, path='a.png')"
     text = repr(RESULT)
     for part in ("100 matches", "120 polygons", "left 700 x 2", "fundamental 3 x 3", "too few points", "3 warnings"):
         assert part in text

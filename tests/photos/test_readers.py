@@ -11,7 +11,7 @@ from zpm2.formats import read_image
 from zpm2.photos import source
 from zpm2.photos.listing import image_size
 from zpm2.photos.raster import open_raster
-from zpm2.photos.source import Held, open_source
+from zpm2.photos.source import InMemoryPhoto, open_source
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -329,7 +329,7 @@ def test_what_only_pillow_knows_is_read(tmp_path, format):
         pytest.skip("this Pillow does not write it")
     assert likeness(read_image(tmp_path / "a"), 3) > 0.9
     found = open_source(tmp_path / "a")
-    assert isinstance(found, Held)
+    assert isinstance(found, InMemoryPhoto)
     assert image_size(tmp_path / "a") == (96, 72)
 
 

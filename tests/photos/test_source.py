@@ -6,7 +6,7 @@ from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.model import Image
 from zpm2.photos import source
 from zpm2.photos.raster import Raster
-from zpm2.photos.source import Held, open_source, opened, reduced
+from zpm2.photos.source import InMemoryPhoto, open_source, opened, reduced
 
 RNG = np.random.default_rng(0)
 PIXELS = RNG.integers(0, 256, (120, 160, 3), np.uint8)
@@ -41,7 +41,7 @@ def without_rasterio(monkeypatch):
 
 @pytest.mark.parametrize("window", [None, (0, 0, 160, 120), (10, 20, 74, 84), (159, 119, 160, 120)])
 def test_windows_of_what_is_in_memory(window):
-    held = Held(Image(PIXELS, "a.png", ("a note",)), ["another"], 0.5)
+    held = InMemoryPhoto(Image(PIXELS, "a.png", ("a note",)), ["another"], 0.5)
     image = held.read(window)
     x0, y0, x1, y1 = window or (0, 0, 160, 120)
     assert np.array_equal(image.rgb, PIXELS[y0:y1, x0:x1])
@@ -51,7 +51,7 @@ def test_windows_of_what_is_in_memory(window):
 
 
 def test_reduced_windows_are_averages():
-    held = Held(Image(PIXELS))
+    held = InMemoryPhoto(Image(PIXELS))
     image = held.read((16, 8, 144, 104), (32, 24))
     means = PIXELS[8:104, 16:144].reshape(24, 4, 32, 4, 3).mean((1, 3))
     assert np.abs(image.rgb - means).max() <= 0.51
@@ -63,7 +63,7 @@ def test_reduced_windows_are_averages():
 def test_a_reduced_pixel_is_valid_where_half_of_it_is():
     valid = np.zeros((120, 160), bool)
     valid[:, 10:] = True
-    held = Held(Image(PIXELS, None, (), valid))
+    held = InMemoryPhoto(Image(PIXELS, None, (), valid))
     assert np.array_equal(held.read().valid, valid)
     assert np.array_equal(held.read((4, 0, 20, 40)).valid, valid[:40, 4:20])
     reduced_ = held.read(None, (40, 30)).valid
@@ -75,7 +75,7 @@ def test_a_reduced_pixel_is_valid_where_half_of_it_is():
 
 
 def test_what_is_in_memory_lies_nowhere():
-    held = Held(Image(PIXELS))
+    held = InMemoryPhoto(Image(PIXELS))
     assert np.isnan(held.to_lon_lat(np.zeros((3, 2)))).all()
     assert held.from_lon_lat(np.zeros((3, 2))).shape == (3, 2)
     assert np.isnan(held.from_lon_lat(np.zeros((3, 2)))).all()
@@ -84,11 +84,11 @@ def test_what_is_in_memory_lies_nowhere():
 
 
 def test_all_of_a_photograph_reduced():
-    held = Held(Image(PIXELS))
+    held = InMemoryPhoto(Image(PIXELS))
     assert reduced(held, 80).rgb.shape == (60, 80, 3)
     assert np.array_equal(reduced(held, 160).rgb, PIXELS)
     assert np.array_equal(reduced(held, 1000).rgb, PIXELS)
-    long = Held(Image(np.zeros((3, 900, 3), np.uint8)))
+    long = InMemoryPhoto(Image(np.zeros((3, 900, 3), np.uint8)))
     assert reduced(long, 30).rgb.shape == (1, 30, 3)
 
 
@@ -98,7 +98,7 @@ def test_all_of_a_photograph_reduced():
 def test_pixels_are_held():
     for given in (PIXELS, PIL.Image.fromarray(PIXELS), Image(PIXELS)):
         found = open_source(given, gsd=0.2)
-        assert isinstance(found, Held)
+        assert isinstance(found, InMemoryPhoto)
         assert np.array_equal(found.read().rgb, PIXELS)
         assert (found.path, found.geo.gsd, found.notes) == (None, 0.2, ())
 
@@ -106,7 +106,7 @@ def test_pixels_are_held():
 def test_a_small_file_is_held(tmp_path):
     for path in (png(tmp_path / "a.png"), str(tmp_path / "a.png")):
         found = open_source(path, gsd=0.2)
-        assert isinstance(found, Held)
+        assert isinstance(found, InMemoryPhoto)
         assert found.path == str(path)
         assert np.array_equal(found.read().rgb, PIXELS)
         assert found.geo.gsd == 0.2
@@ -114,7 +114,7 @@ def test_a_small_file_is_held(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_a_tif_without_a_place_is_held(tmp_path):
-    assert isinstance(open_source(tif(tmp_path / "a.tif", placed=False, photometric="RGB")), Held)
+    assert isinstance(open_source(tif(tmp_path / "a.tif", placed=False, photometric="RGB")), InMemoryPhoto)
 
 
 def test_a_georeferenced_file_is_read_by_windows(tmp_path):
@@ -138,7 +138,7 @@ def test_a_large_file_is_read_by_windows(tmp_path, monkeypatch):
     assert np.array_equal(found.read().rgb, PIXELS)
     found.close()
     monkeypatch.setattr(source, "LARGE", 160 * 120)
-    assert isinstance(open_source(path), Held)
+    assert isinstance(open_source(path), InMemoryPhoto)
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
@@ -187,7 +187,7 @@ def test_pixels_that_are_no_photograph():
 @pytest.mark.usefixtures("without_rasterio")
 def test_without_rasterio_files_are_held(tmp_path):
     found = open_source(png(tmp_path / "a.png"))
-    assert isinstance(found, Held)
+    assert isinstance(found, InMemoryPhoto)
     assert found.notes == ()
 
 
@@ -195,7 +195,7 @@ def test_without_rasterio_files_are_held(tmp_path):
 def test_without_rasterio_a_georeference_is_lost_and_a_note_says_so(tmp_path, monkeypatch):
     path = tif(tmp_path / "a.tif", photometric="RGB")
     found = open_source(path)
-    assert isinstance(found, Held)
+    assert isinstance(found, InMemoryPhoto)
     assert not found.placed
     assert [note for note in found.notes if "georeference" in note and "zpm2[geo]" in note]
     assert np.array_equal(found.read().rgb, PIXELS)
@@ -207,7 +207,7 @@ def test_without_rasterio_a_georeference_is_lost_and_a_note_says_so(tmp_path, mo
 def test_without_rasterio_a_large_file_is_in_memory_and_a_note_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(source, "LARGE", 1000)
     found = open_source(png(tmp_path / "a.png"))
-    assert isinstance(found, Held)
+    assert isinstance(found, InMemoryPhoto)
     assert [note for note in found.notes if "memory" in note and "zpm2[geo]" in note]
 
 
@@ -226,7 +226,7 @@ def test_a_pair_is_closed_at_the_end(tmp_path, monkeypatch):
     monkeypatch.setattr(Raster, "close", lambda self: closed.append(self.path))
     with opened(path, PIXELS, gsd=(0.3, 0.7)) as (left, right):
         assert isinstance(left, Raster)
-        assert isinstance(right, Held)
+        assert isinstance(right, InMemoryPhoto)
         assert (left.geo.gsd, right.geo.gsd) == (0.3, 0.7)
         assert closed == []
     assert closed == [str(path)]

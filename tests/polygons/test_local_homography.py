@@ -8,7 +8,7 @@ from shapes import arrays, square, star
 
 from zpm2 import geometry
 from zpm2.errors import Failed
-from zpm2.global_match import Candidates, InitialGeometry, Placement
+from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations
 from zpm2.model import PointMatches
 from zpm2.polygons import local_homography
 from zpm2.polygons.local_homography import fit_homographies
@@ -154,7 +154,7 @@ def test_placed_maps_put_the_centre_to_its_place():
     for h in (homography, Failed("none")):
         initial = InitialGeometry(PointMatches.empty(), Failed("none"), h, np.zeros(0, bool), np.zeros(0, bool))
         expected_by_h = initial.expected(polygons.centers)
-        placement = Placement(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool), expected_by_h)
+        placement = PyramidLocations(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool), expected_by_h)
         matrices = placement.maps(polygons.centers, each.left)
         for k in range(2):
             center = polygons.centers[k]

@@ -11,8 +11,8 @@ from painted import PaintedView, Region, blank
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
-from zpm2.segment.automatic import distinct, everything, grid
-from zpm2.segment.predictions import Answers, Floor, Prompts
+from zpm2.segment.automatic import automatic_masks, distinct, grid
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 
 FULL = SegmentConfig(quality="full", grid=16, min_area=30.0)
 LEVELS = [dataclasses.replace(FULL, quality=quality) for quality in ("fast", "balanced", "full")]
@@ -43,8 +43,8 @@ def painted(shapes: list[shapely.Polygon]) -> Image:
     return Image(pixels)
 
 
-def signature(answers: Answers) -> set[bytes]:
-    return {bits.tobytes() for bits in answers.bits}
+def signature(predictions: MaskPredictions) -> set[bytes]:
+    return {bits.tobytes() for bits in predictions.bits}
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 24, 32])
@@ -65,18 +65,18 @@ def test_a_first_part_of_the_grid_is_a_coarser_grid(k: int, coarser: int) -> Non
 
 def test_full_asks_every_point_once_and_finds_what_brute_force_finds() -> None:
     view = PaintedView(blank(), scene())
-    found = everything(view, FULL)
+    found = automatic_masks(view, FULL)
     assert len(view.asked) == len(set(view.asked)) == FULL.grid**2
-    floor = Floor(FULL.min_predicted_iou, FULL.min_stability)
-    answers = PaintedView(blank(), scene()).ask(Prompts.at(grid(FULL.grid, (256, 256))), floor)
-    assert signature(found) == signature(answers)
+    thresholds = MaskThresholds(FULL.min_predicted_iou, FULL.min_stability)
+    predictions = PaintedView(blank(), scene()).predict(Prompts.at(grid(FULL.grid, (256, 256))), thresholds)
+    assert signature(found) == signature(predictions)
     assert (np.diff(found.score) <= 0).all()
 
 
 @pytest.mark.parametrize("config", LEVELS, ids=lambda c: c.quality)
 def test_only_what_lies_inside_another_region_can_be_lost(config: SegmentConfig) -> None:
     view, inside_another = PaintedView(blank(), scene()), {1, 2}  # the part and the subpart of the first
-    found = signature(everything(view, config))
+    found = signature(automatic_masks(view, config))
     lost = {k for k, bits in enumerate(view.bits) if bits.tobytes() not in found}
     assert lost <= (set() if config.quality == "full" else inside_another)
     assert len(found) == len(view.regions) - len(lost)
@@ -86,14 +86,14 @@ def test_only_what_lies_inside_another_region_can_be_lost(config: SegmentConfig)
 def test_whole_part_and_subpart_come_with_one_prompt(config: SegmentConfig) -> None:
     shapes = [shapely.box(10, 10, 240, 240), shapely.box(12, 12, 200, 200), shapely.box(14, 14, 160, 160)]
     view = PaintedView(blank(), [Region(shape) for shape in shapes])
-    assert len(everything(view, config)) == 3
+    assert len(automatic_masks(view, config)) == 3
 
 
 def test_faster_levels_ask_less() -> None:
     counts = []
     for config in LEVELS:
         view = PaintedView(blank(), scene())
-        everything(view, dataclasses.replace(config, grid=32))
+        automatic_masks(view, dataclasses.replace(config, grid=32))
         assert len(view.asked) == len(set(view.asked))
         counts.append(len(view.asked))
     assert counts == sorted(set(counts))
@@ -104,7 +104,7 @@ def test_an_image_that_never_answers_is_asked_everywhere_by_the_full_grid_only()
     for config, most in zip(LEVELS, (1 / 64 + 1 / 6 + 1 / 4, 1 / 64 + 1 / 3 + 1 / 2, 1.0), strict=True):
         view = PaintedView(blank(200, 120), [])
         shares: list[float] = []
-        assert len(everything(view, config, progress=shares.append)) == 0
+        assert len(automatic_masks(view, config, progress=shares.append)) == 0
         assert 0.9 * most <= len(view.asked) / config.grid**2 <= 1.01 * most
         assert len(view.asked) == len(set(view.asked))
         assert shares == sorted(shares)
@@ -116,7 +116,7 @@ def test_nothing_is_asked_where_there_is_no_data(config: SegmentConfig) -> None:
     valid = np.zeros((256, 256), bool)
     valid[:, 200:] = True
     view = PaintedView(Image(blank().rgb, valid=valid), [])
-    everything(view, config)
+    automatic_masks(view, config)
     assert view.asked
     assert min(x for x, _ in view.asked) >= 200
 
@@ -130,19 +130,19 @@ def test_what_stands_out_is_found_in_the_midst_of_a_large_region(config: Segment
     assert not any(shapely.contains_xy(thing, *grid(8, (256, 256)).T).any() for thing in things)
     regions = [Region(shapely.box(0, 0, 256, 256), 0.99), *(Region(thing) for thing in things)]
     view = PaintedView(painted(things), regions, batch=2)
-    found = signature(everything(view, dataclasses.replace(config, max_area=1.0)))
+    found = signature(automatic_masks(view, dataclasses.replace(config, max_area=1.0)))
     assert found == {bits.tobytes() for bits in view.bits}
     full = PaintedView(painted(things), regions)
-    assert len(everything(full, dataclasses.replace(config, quality="full", max_area=1.0))) == 1
+    assert len(automatic_masks(full, dataclasses.replace(config, quality="full", max_area=1.0))) == 1
 
 
 @pytest.mark.parametrize("config", LEVELS[:2], ids=lambda c: c.quality)
 def test_known_regions_are_not_asked_about_and_come_first(config: SegmentConfig) -> None:
     whole = shapely.box(0, 0, 256, 128)
     known = PaintedView(blank(), [Region(whole, score=0.5)])
-    answer = known.ask(Prompts.at(np.array([[40.0, 40.0]])), Floor(0.0, 0.0))
+    answer = known.predict(Prompts.at(np.array([[40.0, 40.0]])), MaskThresholds(0.0, 0.0))
     view = PaintedView(blank(), [Region(whole.buffer(-1), score=0.99), Region(shapely.box(20, 150, 60, 200))])
-    found = everything(view, config, known=answer)
+    found = automatic_masks(view, config, known=answer)
     assert found.score[0] == 0.5  # and the better-scored double of it is gone
     assert len(found) == 2
     deep = [y for _, y in view.asked if y < 120]
@@ -151,14 +151,14 @@ def test_known_regions_are_not_asked_about_and_come_first(config: SegmentConfig)
 
 @pytest.mark.parametrize("config", LEVELS, ids=lambda c: c.quality)
 def test_two_runs_are_the_same(config: SegmentConfig) -> None:
-    first, second = (everything(PaintedView(blank(), scene()), config) for _ in range(2))
+    first, second = (automatic_masks(PaintedView(blank(), scene()), config) for _ in range(2))
     assert np.array_equal(first.logits, second.logits)
     assert np.array_equal(first.score, second.score)
 
 
 def test_too_small_and_too_large_regions_are_none() -> None:
     view = PaintedView(blank(), [Region(shapely.box(100, 100, 104, 104)), Region(shapely.box(0, 0, 256, 256))])
-    assert len(everything(view, dataclasses.replace(FULL, grid=64, min_area=60.0))) == 0
+    assert len(automatic_masks(view, dataclasses.replace(FULL, grid=64, min_area=60.0))) == 0
 
 
 @settings(max_examples=30, deadline=None)
@@ -171,7 +171,7 @@ def test_distinct_equals_a_plain_reading(seed: int, n: int) -> None:
         (x, y), (w, h) = corner[k], size[k]
         logits[k, y : y + h, x : x + w] = 5
     rank = rng.permutation(n).astype(float)
-    answers = Answers(np.arange(n), np.ones(n, np.float32), np.ones(n, np.float32), logits)
+    predictions = MaskPredictions(np.arange(n), np.ones(n, np.float32), np.ones(n, np.float32), logits)
     view = PaintedView(blank(), [])
     kept: list[int] = []
     for i in np.argsort(-rank):
@@ -179,4 +179,4 @@ def test_distinct_equals_a_plain_reading(seed: int, n: int) -> None:
         unions = [(logits[i] > 0) | (logits[k] > 0) for k in kept]
         if all(a.sum() <= FULL.nms_iou * b.sum() for a, b in zip(overlaps, unions, strict=True)):
             kept.append(int(i))
-    assert list(distinct(answers, rank, FULL, view).prompt) == kept
+    assert list(distinct(predictions, rank, FULL, view).prompt) == kept

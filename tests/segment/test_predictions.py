@@ -1,12 +1,12 @@
 import numpy as np
 
-from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 
 
 def some(prompt, score, stability):
     logits = np.zeros((len(prompt), LOW, LOW), np.float16)
     logits[:, 0, 0] = np.arange(len(prompt)) - 0.5
-    return Answers(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
+    return MaskPredictions(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
 
 
 def test_prompts():
@@ -21,13 +21,13 @@ def test_prompts():
 
 
 def test_answers():
-    answers = some([0, 0, 2], [0.9, 0.6, 0.8], [0.99, 0.99, 0.5])
-    assert list(answers.reach(Floor(0.7, 0.9))) == [True, False, False]
-    assert list(answers.reach(Floor(0.6, 0.5))) == [True, True, True]
-    assert list(answers.bits[:, 0, 0]) == [False, True, True]
-    assert list(answers[answers.score > 0.7].prompt) == [0, 2]
-    joined = Answers.join([answers, Answers.none((LOW, LOW)), answers[np.array([2])]])
+    predictions = some([0, 0, 2], [0.9, 0.6, 0.8], [0.99, 0.99, 0.5])
+    assert list(predictions.passing(MaskThresholds(0.7, 0.9))) == [True, False, False]
+    assert list(predictions.passing(MaskThresholds(0.6, 0.5))) == [True, True, True]
+    assert list(predictions.bits[:, 0, 0]) == [False, True, True]
+    assert list(predictions[predictions.score > 0.7].prompt) == [0, 2]
+    joined = MaskPredictions.join([predictions, MaskPredictions.none((LOW, LOW)), predictions[np.array([2])]])
     assert list(joined.prompt) == [0, 0, 2, 2]
     assert np.array_equal(joined.logits[2], joined.logits[3])
-    assert len(Answers.none((LOW, LOW))) == 0
-    assert Answers.none((20, LOW)).bits.shape == (0, 20, LOW)
+    assert len(MaskPredictions.none((LOW, LOW))) == 0
+    assert MaskPredictions.none((20, LOW)).bits.shape == (0, 20, LOW)

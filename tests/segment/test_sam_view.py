@@ -7,12 +7,12 @@ from rendered import Pair
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
-from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, Answers, Floor, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter, SamView, decoded_size
 
 pytestmark = pytest.mark.weights
 
-EVERYTHING = Floor(0.0, 0.0)
+EVERYTHING = MaskThresholds(0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def boxed(points: np.ndarray, half: float = 30.0) -> Prompts:
     return Prompts(corners, np.array([INSIDE, CORNER, OTHER_CORNER]))
 
 
-def same(first: Answers, second: Answers) -> bool:
+def same(first: MaskPredictions, second: MaskPredictions) -> bool:
     return (
         np.array_equal(first.prompt, second.prompt)
         and np.allclose(first.score, second.score, atol=1e-4)
@@ -39,36 +39,38 @@ def same(first: Answers, second: Answers) -> bool:
 
 
 def test_a_point_has_three_masks_and_a_box_four(view: SamView, points: np.ndarray) -> None:
-    assert np.bincount(view.ask(Prompts.at(points), EVERYTHING).prompt).max() == 3
-    assert np.bincount(view.ask(boxed(points), EVERYTHING).prompt).max() == 4
+    assert np.bincount(view.predict(Prompts.at(points), EVERYTHING).prompt).max() == 3
+    assert np.bincount(view.predict(boxed(points), EVERYTHING).prompt).max() == 4
 
 
 def test_the_floor_holds(view: SamView, points: np.ndarray) -> None:
-    floor = Floor(0.85, 0.9)
-    everything, good = view.ask(Prompts.at(points), EVERYTHING), view.ask(Prompts.at(points), floor)
-    assert 0 < len(good) < len(everything)
-    assert good.reach(floor).all()
-    assert same(good, everything[everything.reach(floor)])
+    thresholds = MaskThresholds(0.85, 0.9)
+    automatic_masks, good = view.predict(Prompts.at(points), EVERYTHING), view.predict(Prompts.at(points), thresholds)
+    assert 0 < len(good) < len(automatic_masks)
+    assert good.passing(thresholds).all()
+    assert same(good, automatic_masks[automatic_masks.passing(thresholds)])
 
 
 @pytest.mark.parametrize("prompts", [Prompts.at, boxed])
 def test_questions_do_not_depend_on_each_other(view: SamView, points: np.ndarray, prompts) -> None:
     """One call or several: batches are filled up, and that changes nothing."""
-    together = view.ask(prompts(points), EVERYTHING)
-    parts = [view.ask(prompts(points[[k]]), EVERYTHING) for k in range(len(points))]
-    apart = Answers.join([Answers(p.prompt + k, p.score, p.stability, p.logits) for k, p in enumerate(parts)])
+    together = view.predict(prompts(points), EVERYTHING)
+    parts = [view.predict(prompts(points[[k]]), EVERYTHING) for k in range(len(points))]
+    apart = MaskPredictions.join(
+        [MaskPredictions(p.prompt + k, p.score, p.stability, p.logits) for k, p in enumerate(parts)]
+    )
     assert same(together, apart)
 
 
 def test_nothing_asked_nothing_answered(view: SamView) -> None:
-    assert len(view.ask(Prompts.at(np.zeros((0, 2))), EVERYTHING)) == 0
-    assert view.masks(Answers.none(view.size)) == []
+    assert len(view.predict(Prompts.at(np.zeros((0, 2))), EVERYTHING)) == 0
+    assert view.masks(MaskPredictions.none(view.size)) == []
 
 
 def test_masks_cover_the_image_and_no_padding(view: SamView, points: np.ndarray) -> None:
     assert max(view.size) == LOW
     assert view.size[0] / view.size[1] == pytest.approx(view.image.height / view.image.width, abs=1 / LOW)
-    assert view.ask(Prompts.at(points), EVERYTHING).bits.shape[1:] == view.size
+    assert view.predict(Prompts.at(points), EVERYTHING).bits.shape[1:] == view.size
 
 
 @pytest.mark.parametrize(
@@ -85,30 +87,30 @@ def test_cover_has_the_areas_of_its_shapes(view: SamView) -> None:
     two = shapely.union_all([shapely.box(10, 10, 40, 40), shapely.box(100, 60, 160, 100)])
     beyond = shapely.box(width - 40, height - 40, width + 400, height + 400)
     shapes = np.array([hole, two, beyond, shapely.Polygon()], object)
-    area = view.cover(shapes).sum((1, 2)) / view.low**2
+    area = view.cover(shapes).sum((1, 2)) / view.mask_scale**2
     inside = shapely.area(shapely.intersection(shapes, shapely.box(0, 0, width, height)))
     assert area == pytest.approx(inside, rel=0.12)
 
 
 def test_masks_of_answers_are_where_the_answers_are(view: SamView, points: np.ndarray) -> None:
-    answers = view.ask(boxed(points), Floor(0.8, 0.9))
-    masks = view.masks(answers)
-    assert len(masks) == len(answers) > 0
-    for mask, bits in zip(masks, answers.bits, strict=True):
-        assert mask.area == pytest.approx(bits.sum() / view.low**2, rel=0.15, abs=12)
+    predictions = view.predict(boxed(points), MaskThresholds(0.8, 0.9))
+    masks = view.masks(predictions)
+    assert len(masks) == len(predictions) > 0
+    for mask, bits in zip(masks, predictions.bits, strict=True):
+        assert mask.area == pytest.approx(bits.sum() / view.mask_scale**2, rel=0.15, abs=12)
 
 
 def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> None:
     pytest.importorskip("openvino")
     torch = SamSegmenter(SegmentConfig(backend="torch")).view(view.image)
     for prompts in (Prompts.at(points[:4]), boxed(points[:4])):
-        assert same(torch.ask(prompts, EVERYTHING), view.ask(prompts, EVERYTHING))
+        assert same(torch.predict(prompts, EVERYTHING), view.predict(prompts, EVERYTHING))
 
 
 def test_no_region_over_pixels_without_data(view: SamView, points: np.ndarray) -> None:
     valid = np.ones((view.image.height, view.image.width), bool)
     valid[:, : view.image.width // 2] = False
     part = SamSegmenter(SegmentConfig()).view(Image(view.image.rgb, valid=valid))
-    whole, cut = (v.masks(v.ask(Prompts.at(points), Floor(0.8, 0.9))) for v in (view, part))
+    whole, cut = (v.masks(v.predict(Prompts.at(points), MaskThresholds(0.8, 0.9))) for v in (view, part))
     assert sum(mask.area for mask in whole) > sum(mask.area for mask in cut) > 0
     assert all(not mask.bits[:, : max(0, view.image.width // 2 - mask.x0)].any() for mask in cut)

@@ -10,14 +10,14 @@ import shapely
 from zpm2 import geometry
 from zpm2.config import PRESETS, GuidedConfig
 from zpm2.global_match import initial_geometry, place, search_candidates
-from zpm2.guided.prior import Guidance
+from zpm2.guided.prior import GuidedPrior
 from zpm2.local_match import match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
-from zpm2.photos.source import Held
-from zpm2.polygons.warp import Carried, carry
+from zpm2.photos.source import InMemoryPhoto
+from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.tiled import blocks
 from zpm2.tiled.blocks import MARGIN, MOST, layers, match_blocks
-from zpm2.tiled.cells import carried_over, cells
+from zpm2.tiled.cells import cells, warped_by_cells
 
 PITCH, COLUMNS, ROWS = 88, 10, 7
 WIDTH, HEIGHT = PITCH * COLUMNS, PITCH * ROWS
@@ -30,7 +30,7 @@ CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel 
 class Recorder:
     """A source, and what was read of it."""
 
-    source: Held
+    source: InMemoryPhoto
     reads: list = dataclasses.field(default_factory=list)
 
     def __getattr__(self, name):
@@ -50,7 +50,7 @@ class Scene:
 
     @property
     def sources(self):
-        return tuple(Recorder(Held(image)) for image in self.images)
+        return tuple(Recorder(InMemoryPhoto(image)) for image in self.images)
 
 
 def ring(rng, center, size):
@@ -95,23 +95,23 @@ def scene(scale=1.0, seed=0, large=False):
 
 def whole(given, config):
     initial = initial_geometry(given.points, config.global_match, config.seed)
-    placement = place(*given.images, given.polygons[0].centers, initial, config.global_match)
-    candidates = search_candidates(*given.polygons, placement, config.global_match)
-    guidance = None
+    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    candidates = search_candidates(*given.polygons, locations, config.global_match)
+    guided_prior = None
     if config.guided.direction != "off":
-        carried = carry(given.polygons[0], *initial.forward(), config.local_match.gamma)
+        warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match.gamma)
         sure = tuple(np.ones(len(side), bool) for side in given.polygons)
-        guidance = Guidance(carried, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
+        guided_prior = GuidedPrior(warped, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
     local = config.local_match
-    return match_polygons(given.images, given.polygons, initial, placement, candidates, local, guidance)
+    return match_polygons(given.images, given.polygons, initial, locations, candidates, local, guided_prior)
 
 
-def in_blocks(given, config, side=SIDE, sources=None, guided=None, carried=None, told=lambda share: None):
+def in_blocks(given, config, side=SIDE, sources=None, guided=None, warped=None, told=lambda share: None):
     left, right = given.polygons
     found = list(cells(left, given.points, side, config))
-    carried = carried or carried_over(left, found, config.local_match.gamma)
+    warped = warped or warped_by_cells(left, found, config.local_match.gamma)
     guided = guided or (np.zeros(len(left), bool), np.zeros(len(right), bool))
-    return match_blocks(sources or given.sources, (left, right), guided, found, carried, side, config, told)
+    return match_blocks(sources or given.sources, (left, right), guided, found, warped, side, config, told)
 
 
 def pairs(matches):
@@ -175,15 +175,15 @@ def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts(monkeypatc
     monkeypatch.setattr(blocks, "MARGIN", 8)
     given = scene()
     found = list(cells(given.polygons[0], given.points, SIDE, PRESETS["paper"]))
-    carried = carried_over(given.polygons[0], found, 8)
-    shapes = carried.shapes.copy()
+    warped = warped_by_cells(given.polygons[0], found, 8)
+    shapes = warped.shapes.copy()
     shapes[3] = shapely.affinity.translate(shapes[3], 540, 300)  # of one block
     huge = shapely.affinity.scale(shapes[12], 40, 40)  # near the horizon of a wrong map
     shapes[12] = huge.intersection(shapely.box(-1e4, -1e4, 1e4, 1e4))
     shapes[20] = shapely.Polygon()
     sources = given.sources
-    odd = Carried(carried.maps, shapes, carried.own)
-    matches = pairs(in_blocks(given, PRESETS["paper"], sources=sources, carried=odd))
+    odd = WarpedPolygons(warped.maps, shapes, warped.own)
+    matches = pairs(in_blocks(given, PRESETS["paper"], sources=sources, warped=odd))
     for window, size in sources[1].reads:
         assert max(size) <= MOST * SIDE + 2 * 8 + 2
         assert window != (0, 0, WIDTH, HEIGHT)

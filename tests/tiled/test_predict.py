@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from zpm2.model import Image, PointMatches
 from zpm2.photos.raster import open_raster
-from zpm2.photos.source import Held
+from zpm2.photos.source import InMemoryPhoto
 from zpm2.tiled.predict import HARDLY, STEPS, Partner, affine, by_georeference, coherent, framed, partner
 
 WINDOW = (400, 300, 900, 700)
@@ -216,7 +216,7 @@ def test_of_different_reference_systems(tmp_path):
 
 
 def test_without_a_place_on_the_ground_there_is_no_map(tmp_path):
-    nowhere = Held(Image(np.zeros((300, 400, 3), np.uint8)))
+    nowhere = InMemoryPhoto(Image(np.zeros((300, 400, 3), np.uint8)))
     placed = raster(tmp_path / "a.tif", "EPSG:32632", ground(0, 0.5, (691_000, 5_300_000)))
     with placed:
         assert by_georeference((0, 0, 400, 300), placed, nowhere) is None

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from test_tiled_matcher import ColourSegmenter, OrbPoints, carried, config, iou, scene, visible
+from test_tiled_matcher import ColourSegmenter, OrbPoints, config, iou, scene, visible, warped
 
 from zpm2.api import Matcher
 from zpm2.errors import InputError
-from zpm2.features.rotated_retry import LookAgain
+from zpm2.features.rotated_retry import RotatedRetry
 from zpm2.model import Image, PointMatches
 from zpm2.tiled.whole import in_tiles
 
@@ -32,7 +32,7 @@ def right_ones(result, given, swap=False):
     columns = {polygon.id: polygon.shape for polygon in result.right.polygons}
     turn = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1.0]]) if swap else np.eye(3)
     matrix = turn @ given.matrix @ turn
-    good = [iou(carried(rows[m.left], matrix), columns[m.right]) > 0.6 for m in result.matches]
+    good = [iou(warped(rows[m.left], matrix), columns[m.right]) > 0.6 for m in result.matches]
     return sum(good), len(good), len(visible(given))
 
 
@@ -99,7 +99,7 @@ def test_a_strip_is_not_turned():
             return PointMatches.empty()
 
     strip = Image(np.broadcast_to(np.zeros(1, np.uint8), (200, 10_000, 3)))
-    again = LookAgain(Points(), lambda: pytest.fail("a strip is looked at once"), 1600)
+    again = RotatedRetry(Points(), lambda: pytest.fail("a strip is looked at once"), 1600)
     assert len(again.match(strip, strip)) == 0
 
 

@@ -11,12 +11,12 @@ import pytest
 from zpm2.config import Config
 from zpm2.errors import Failed, OutputError
 from zpm2.files import reading
-from zpm2.model import Image, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonMatch
 from zpm2.photos.raster import open_raster
-from zpm2.photos.source import Held, open_source
+from zpm2.photos.source import InMemoryPhoto, open_source
 from zpm2.result import MatchResult
 from zpm2.tiled import tile as tiles
-from zpm2.tiled.tile import Kept, Tile
+from zpm2.tiled.tile import Tile, TileCache
 from zpm2.tiled.view import reduced_size, view
 
 WINDOWS = (3, 5, 515, 517), (0, 7, 600, 500)
@@ -51,10 +51,10 @@ def same(a, b):
 
 @pytest.mark.parametrize("windows", [WINDOWS, (WINDOWS[0], None), (None, WINDOWS[1])])
 def test_a_tile_comes_back_as_it_was(tmp_path, windows):
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("2-7", a_tile(windows))
     assert kept.reused == 0
-    again = Kept(tmp_path, "abc")
+    again = TileCache(tmp_path, "abc")
     same(again.load("2-7", windows), a_tile(windows))
     assert again.reused == 1
     assert [path.name for path in (tmp_path / "abc").iterdir()] == ["2-7.json.gz"]
@@ -65,7 +65,7 @@ def test_a_large_tile_comes_back(tmp_path, monkeypatch):
     monkeypatch.setattr(reading, "UNPACKED", 1000)
     rng = np.random.default_rng(0)
     points = PointMatches(rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 1, 1000))
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("0-0", dataclasses.replace(a_tile(), points=points))
     again = kept.load("0-0", WINDOWS)
     assert again is not None
@@ -74,7 +74,7 @@ def test_a_large_tile_comes_back(tmp_path, monkeypatch):
 
 def test_an_empty_tile_comes_back(tmp_path):
     empty = Tile(0, WINDOWS, ([], []), np.zeros((0, 2), np.int64), PointMatches.empty(), {})
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("0-0", empty)
     again = kept.load("0-0", WINDOWS)
     same(again, empty)
@@ -84,17 +84,17 @@ def test_an_empty_tile_comes_back(tmp_path):
 
 def test_the_same_tile_is_the_same_file(tmp_path):
     for folder in "ab":
-        Kept(tmp_path, folder).save("0-0", a_tile())
+        TileCache(tmp_path, folder).save("0-0", a_tile())
     assert (tmp_path / "a" / "0-0.json.gz").read_bytes() == (tmp_path / "b" / "0-0.json.gz").read_bytes()
 
 
 def test_a_tile_of_another_window_or_name_or_run_is_not_loaded(tmp_path):
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("2-7", a_tile())
     assert kept.load("2-7", (WINDOWS[0], None)) is None
     assert kept.load("2-7", ((3, 5, 515, 518), WINDOWS[1])) is None
     assert kept.load("2-8", WINDOWS) is None
-    assert Kept(tmp_path, "other").load("2-7", WINDOWS) is None
+    assert TileCache(tmp_path, "other").load("2-7", WINDOWS) is None
     assert kept.reused == 0
 
 
@@ -135,7 +135,7 @@ FOREIGN = [
 
 @pytest.mark.parametrize("data", FOREIGN, ids=range(len(FOREIGN)))
 def test_a_foreign_file_is_not_loaded(tmp_path, data):
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     (tmp_path / "abc").mkdir()
     (tmp_path / "abc" / "2-7.json.gz").write_bytes(data)
     assert kept.load("2-7", WINDOWS) is None
@@ -144,7 +144,7 @@ def test_a_foreign_file_is_not_loaded(tmp_path, data):
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
 def test_a_file_that_was_cut_short_or_damaged_is_not_loaded(tmp_path, share):
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("2-7", a_tile())
     path = tmp_path / "abc" / "2-7.json.gz"
     data = path.read_bytes()
@@ -159,14 +159,14 @@ def test_a_file_that_was_cut_short_or_damaged_is_not_loaded(tmp_path, share):
 
 def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    kept = Kept(None, "")
+    kept = TileCache(None, "")
     kept.save("2-7", a_tile())
     assert kept.load("2-7", WINDOWS) is None
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk(tmp_path, monkeypatch):
-    kept = Kept(tmp_path, "abc")
+    kept = TileCache(tmp_path, "abc")
     kept.save("2-7", a_tile())
 
     def full(*_):
@@ -184,7 +184,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
 def test_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(OutputError, match="taken"):
-        Kept(tmp_path / "taken", "abc").save("2-7", a_tile())
+        TileCache(tmp_path / "taken", "abc").save("2-7", a_tile())
 
 
 # --- keys
@@ -257,12 +257,12 @@ def test_the_key_of_pixels_is_that_of_their_content():
     pixels = np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8)
     other = pixels.copy()
     other[30, 40, 1] ^= 1
-    one, same, two = (tiles.key([Held(Image(p))], {}, "") for p in (pixels, pixels.copy(), other))
+    one, same, two = (tiles.key([InMemoryPhoto(Image(p))], {}, "") for p in (pixels, pixels.copy(), other))
     assert one == same != two
-    assert one == tiles.key([Held(Image(pixels, "no/such/file.png"))], {}, "")
+    assert one == tiles.key([InMemoryPhoto(Image(pixels, "no/such/file.png"))], {}, "")
     missing = np.ones((60, 80), bool)
     missing[:, :20] = False
-    assert one != tiles.key([Held(Image(pixels, None, (), missing))], {}, "")
+    assert one != tiles.key([InMemoryPhoto(Image(pixels, None, (), missing))], {}, "")
 
 
 # --- from a result
@@ -270,15 +270,15 @@ def test_the_key_of_pixels_is_that_of_their_content():
 
 def test_a_pair_comes_back_in_px_of_the_photographs():
     rng = np.random.default_rng(0)
-    sources = [Held(Image(rng.integers(0, 255, (800, 800, 3), np.uint8))) for _ in range(2)]
+    sources = [InMemoryPhoto(Image(rng.integers(0, 255, (800, 800, 3), np.uint8))) for _ in range(2)]
     windows = (100, 50, 500, 450), (0, 200, 400, 600)
     views = (
         view(sources[0], windows[0], reduced_size(windows[0], 2.0)),
         view(sources[1], windows[1], reduced_size(windows[1], 1.0), np.pi / 2),
     )
     square = np.array([[10, 20], [40, 20], [40, 60], [10, 60]], float)
-    left = Side(200, 200, [Polygon(0, square), Polygon(1, square + 100, (), 0.7)])
-    right = Side(400, 400, [Polygon(0, square)])
+    left = ImagePolygons(200, 200, [Polygon(0, square), Polygon(1, square + 100, (), 0.7)])
+    right = ImagePolygons(400, 400, [Polygon(0, square)])
     points = PointMatches(np.array([[0.0, 0], [200, 200]]), np.array([[0.0, 0], [400, 400]]), np.ones(2))
     matches = [PolygonMatch(1, 0, 0.9, 1.0, 3, "guided")]
     none = Failed("no")
@@ -299,12 +299,12 @@ def test_a_pair_comes_back_in_px_of_the_photographs():
 def test_pixels_that_are_given_with_the_path_of_a_file_are_not_the_file(tmp_path):
     path = str(photograph(tmp_path / "a.png"))
     image = open_source(path).read()
-    assert tiles.key([Held(image)], {}, "") == tiles.key([open_source(path)], {}, "")
-    assert tiles.key([Held(Image(255 - image.rgb, path))], {}, "") != tiles.key([open_source(path)], {}, "")
+    assert tiles.key([InMemoryPhoto(image)], {}, "") == tiles.key([open_source(path)], {}, "")
+    assert tiles.key([InMemoryPhoto(Image(255 - image.rgb, path))], {}, "") != tiles.key([open_source(path)], {}, "")
 
 
 def test_windows_that_have_nothing_in_common():
-    source = Held(Image(np.zeros((300, 300, 3), np.uint8)))
+    source = InMemoryPhoto(Image(np.zeros((300, 300, 3), np.uint8)))
     seen = view(source, (100, 100, 300, 300), (100, 100))
     square = Polygon(5, np.array([[10, 10], [20, 10], [20, 20], [10, 20]], float))
     tile = tiles.apart(1, (None, (100, 100, 300, 300)), [None, (seen, [square])], 0.5)

@@ -87,8 +87,8 @@ class Scene:
 def blob(rng, center, radius):
     n = 16
     angle = (np.arange(n) + rng.uniform(-0.3, 0.3, n)) * 2 * np.pi / n
-    reach = radius * (1 + 0.2 * np.sin(2 * angle + rng.uniform(0, 6)) + 0.08 * rng.uniform(-1, 1, n))
-    return shapely.Polygon(np.asarray(center) + reach[:, None] * np.c_[np.cos(angle), np.sin(angle)])
+    passing = radius * (1 + 0.2 * np.sin(2 * angle + rng.uniform(0, 6)) + 0.08 * rng.uniform(-1, 1, n))
+    return shapely.Polygon(np.asarray(center) + passing[:, None] * np.c_[np.cos(angle), np.sin(angle)])
 
 
 @cache
@@ -135,10 +135,10 @@ def matcher(*settings, segmenter=None, points=None, **options):
 def visible(given):
     """The shapes that both photographs show whole, and clear of the borders."""
     frames = [shapely.box(3, 3, side.shape[1] - 3, side.shape[0] - 3) for side in (given.left, given.right)]
-    return [s for s in given.shapes if frames[0].covers(s) and frames[1].covers(carried(s, given.matrix))]
+    return [s for s in given.shapes if frames[0].covers(s) and frames[1].covers(warped(s, given.matrix))]
 
 
-def carried(shape, matrix):
+def warped(shape, matrix):
     return shapely.transform(shape, lambda xy: geometry.project(matrix, xy))
 
 
@@ -152,8 +152,8 @@ def check(result, given, share=0.97, exact=0.9):
     left, right = ({p.id: p.shape for p in side.polygons} for side in (result.left, result.right))
     frames = [shapely.box(0, 0, side.shape[1], side.shape[0]) for side in (given.left, given.right)]
     for match in result.matches:
-        there = carried(left[match.left], given.matrix).intersection(frames[1])
-        here = right[match.right].intersection(carried(frames[0], given.matrix))  # mirrored ground beyond
+        there = warped(left[match.left], given.matrix).intersection(frames[1])
+        here = right[match.right].intersection(warped(frames[0], given.matrix))  # mirrored ground beyond
         assert iou(there, here) > 0.8
     assert len({m.left for m in result.matches}) == len({m.right for m in result.matches}) == len(result.matches)
     wanted = visible(given)
@@ -238,7 +238,7 @@ def test_guided_tiles():
 
 def test_polygons_that_were_brought_along(tmp_path):
     given = scene()
-    sides = given.shapes, [carried(shape, given.matrix) for shape in given.shapes]
+    sides = given.shapes, [warped(shape, given.matrix) for shape in given.shapes]
     segmenters = []
     for k, shapes in enumerate(sides):
         frame = shapely.box(0, 0, given.left.shape[1], given.left.shape[0])
@@ -420,7 +420,7 @@ def test_georeferenced_photographs_keep_their_place_on_the_ground(tmp_path):
     found = {p.id: p.shape for p in result.left.polygons}
     right_ones = {p.id: p.shape for p in result.right.polygons}
     for m in result.matches:
-        assert iou(carried(found[m.left], given.matrix), right_ones[m.right]) > 0.8
+        assert iou(warped(found[m.left], given.matrix), right_ones[m.right]) > 0.8
     assert sum(max(iou(s, found[m.left]) for m in result.matches) > 0.9 for s in large) > 0.95 * len(large)
     saved = MatchResult.load(result.save(tmp_path / "out"))
     assert saved.left.geo.crs == "EPSG:32632"
@@ -436,9 +436,9 @@ def test_no_region_lies_where_there_is_no_data(tmp_path):
     assert len(result.left.polygons) > 20
     for polygon in result.left.polygons:
         assert polygon.shape.intersection(hole).area < 0.02 * polygon.area
-    column, row = np.floor(result.points.left).astype(int).T
+    column, row = np.thresholds(result.points.left).astype(int).T
     assert valid[np.clip(row, 0, 819), np.clip(column, 0, 1099)].all()
-    lost = [p.id for p in result.right.polygons if carried(hole.buffer(-5), given.matrix).covers(p.shape)]
+    lost = [p.id for p in result.right.polygons if warped(hole.buffer(-5), given.matrix).covers(p.shape)]
     assert len(lost) > 3
     assert {result.right.unmatched[i] for i in lost} == {"outside overlap"}
 
@@ -488,13 +488,13 @@ def test_a_least_area_in_square_metres_needs_the_size_of_a_pixel():
 def test_smaller_polygons_are_left_out(mode):
     given = scene(470, 400, pitch=70, wide=False)
     settings = f"tiles.mode={mode}", "tiles.size=256"
-    everything = matcher(*settings)(given.left, given.right)
+    automatic_masks = matcher(*settings)(given.left, given.right)
     result = matcher("raster.min_area_m2=300", "raster.gsd=0.5,0.4", *settings)(given.left, given.right)
     for side, least in ((result.left, 300 / 0.25), (result.right, 300 / 0.16)):
         assert min(p.area for p in side.polygons) >= least
         assert len(side.polygons) > 3
-    assert len(result.left.polygons) < len(everything.left.polygons)
-    assert sum(p.area >= 1200 for p in everything.left.polygons) == len(result.left.polygons)
+    assert len(result.left.polygons) < len(automatic_masks.left.polygons)
+    assert sum(p.area >= 1200 for p in automatic_masks.left.polygons) == len(result.left.polygons)
     ids = [{p.id for p in side.polygons} for side in (result.left, result.right)]
     for match in result.matches:
         assert match.left in ids[0]

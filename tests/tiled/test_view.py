@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zpm2.model import Image, Polygon
-from zpm2.photos.source import Held
+from zpm2.photos.source import InMemoryPhoto
 from zpm2.tiled.view import UPRIGHT, reduced_size, view
 
 WIDTH, HEIGHT = 400, 300
@@ -23,7 +23,7 @@ def smooth(x, y):
 
 def photograph(valid=None):
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    return Held(Image(np.round(smooth(x, y)).astype(np.uint8), "a.png", ("a note",), valid))
+    return InMemoryPhoto(Image(np.round(smooth(x, y)).astype(np.uint8), "a.png", ("a note",), valid))
 
 
 def centres(image):
@@ -44,7 +44,9 @@ def inner(bits):
 def test_px_there_and_back(box, reduction, turn):
     x0, y0, width, height = box
     window = x0, y0, x0 + width, y0 + height
-    seen = view(Held(Image(np.zeros((HEIGHT, WIDTH, 3), np.uint8))), window, reduced_size(window, reduction), turn)
+    seen = view(
+        InMemoryPhoto(Image(np.zeros((HEIGHT, WIDTH, 3), np.uint8))), window, reduced_size(window, reduction), turn
+    )
     corners = np.array([[x0, y0], [x0 + width, y0], [x0 + width, y0 + height], [x0, y0 + height]], float)
     inside = seen.points(np.c_[corners, np.ones(4)][:, :2])  # any points: only their way matters
     assert np.allclose(np.c_[inside, np.ones(4)] @ seen.from_px.T, np.c_[corners, np.ones(4)], atol=1e-6)

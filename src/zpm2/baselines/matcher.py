@@ -20,7 +20,7 @@ from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
 from zpm2.model.messages import split
 from zpm2.photos.source import ImageLike, opened
 from zpm2.result import MatchResult
-from zpm2.runtime import Clock, Progress
+from zpm2.runtime import Progress, StageTimer
 from zpm2.segment.protocol import Segmenter
 from zpm2.tiled.whole import in_tiles, match_whole
 
@@ -91,7 +91,7 @@ class BaselineMatcher:
             return result
 
     def _match(self, left: Image, right: Image) -> MatchResult:
-        method, clock = self.method, Clock(self.progress)
+        method, clock = self.method, StageTimer(self.progress)
         with clock("load"):
             self._regions.load()
         with clock("detect"):

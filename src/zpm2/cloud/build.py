@@ -20,7 +20,7 @@ from zpm2.errors import Failed
 from zpm2.model import PosedCamera
 from zpm2.model.messages import Note, about, split
 from zpm2.result import MatchResult
-from zpm2.runtime import Clock
+from zpm2.runtime import StageTimer
 
 Array = NDArray[np.float64]
 INSIDE = 0.9  # of a part's area lies in its whole
@@ -48,7 +48,7 @@ def build(
     Every reason why a match gave no patch is in `rejected`. Warnings say what should be known about the mesh. An empty
     cloud is a result, with warnings that say why; `InputError` where no view sees the mesh.
     """
-    clock = Clock(progress)
+    clock = StageTimer(progress)
     cameras = [view.camera for view in views]
     seen = Seen(surface, caster, cameras)
     said = about("mesh", surface.notes) + ([caster.note] if caster.note else [])

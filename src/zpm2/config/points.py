@@ -22,4 +22,4 @@ class PointsConfig:
         1600, "the longer image side given to learned detectors; points come back in original px", unit="px", low=32
     )
     min_score: float = share(0.1, "the matcher's own")
-    look_again: bool = option(False, "smaller and turned, where few points agree on one geometry")
+    rotated_retry: bool = option(False, "smaller and turned, where few points agree on one geometry")

@@ -15,7 +15,7 @@ PRESETS: dict[str, Config] = {
     "paper": Config(),
     "default": Config(
         segment=SegmentConfig(quality="fast"),
-        points=PointsConfig(look_again=True),
+        points=PointsConfig(rotated_retry=True),
         local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
         guided=GuidedConfig(direction="both"),
         tiles=TilesConfig(mode="auto"),

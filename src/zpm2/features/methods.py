@@ -8,11 +8,11 @@ from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError
 from zpm2.features.combined import Combined
 from zpm2.features.protocol import PointMatcher, SparseMatcher
-from zpm2.features.rotated_retry import LookAgain
+from zpm2.features.rotated_retry import RotatedRetry
 from zpm2.features.sift import RatioMatcher, SiftDetector
 from zpm2.weights import Progress
 
-AGAIN = 2048  # points an image in each further look (`look_again`)
+AGAIN = 2048  # points an image in each further look (`rotated_retry`)
 METHODS = ("sift", "xfeat", "xfeat-dense", "disk", "aliked", "aliked-n16rot", "aliked-n32", "superpoint")
 
 
@@ -25,10 +25,10 @@ def create(config: PointsConfig, device: str = "cpu", progress: Progress | None 
     """
     check_methods(config)
     matcher = _combined(config, device, progress)
-    if not config.look_again:
+    if not config.rotated_retry:
         return matcher
     fewer = dataclasses.replace(config, max_keypoints=min(config.max_keypoints, AGAIN))
-    return LookAgain(matcher, cache(lambda: _combined(fewer, device, progress)), config.max_size)
+    return RotatedRetry(matcher, cache(lambda: _combined(fewer, device, progress)), config.max_size)
 
 
 def check_methods(config: PointsConfig) -> None:

@@ -30,7 +30,7 @@ SAME_PX = 2.0  # px, in both images: points of two looks that are closer are one
 
 
 @dataclass(frozen=True, eq=False)
-class LookAgain:
+class RotatedRetry:
     """`matcher`, and what `again` finds in further looks where that finds little."""
 
     matcher: PointMatcher

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import Failed
-from zpm2.model import Georeference, PointMatches, Polygon, PolygonMatch, Side
+from zpm2.model import Georeference, ImagePolygons, PointMatches, Polygon, PolygonMatch
 
 _CRS = re.compile(r"EPSG:\d+|\s*[A-Z][A-Z_0-9]*\s*[\[(].*", re.DOTALL)
 
 
-def side_to_dict(side: Side) -> dict[str, Any]:
+def side_to_dict(side: ImagePolygons) -> dict[str, Any]:
     """A side of `matches.json`."""
     polygons = [
         {
@@ -83,7 +83,7 @@ def match_from_dict(values: Mapping[str, Any]) -> PolygonMatch:
     )
 
 
-def side_from_dict(values: Mapping[str, Any]) -> Side:
+def side_from_dict(values: Mapping[str, Any]) -> ImagePolygons:
     """The side that `side_to_dict` wrote. `KeyError`, `TypeError` or `ValueError` for others."""
     polygons = [
         Polygon(
@@ -109,7 +109,7 @@ def side_from_dict(values: Mapping[str, Any]) -> Side:
         None if rpc is None else _named(rpc),
     )
     unmatched = {index(p["id"]): str(p["unmatched"]) for p in values["polygons"] if "unmatched" in p}
-    return Side(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
+    return ImagePolygons(int(values["width"]), int(values["height"]), polygons, values["path"], None, geo, unmatched)
 
 
 def _named(values: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import GlobalConfig
-from zpm2.global_match.pyramid import Placement
+from zpm2.global_match.pyramid import PyramidLocations
 from zpm2.model import PolygonArrays
 
 
@@ -35,20 +35,20 @@ class Candidates:
 
 
 def search_candidates(
-    left: PolygonArrays, right: PolygonArrays, placement: Placement, config: GlobalConfig
+    left: PolygonArrays, right: PolygonArrays, locations: PyramidLocations, config: GlobalConfig
 ) -> Candidates:
     """Right polygons that meet W_final around each left polygon's place.
 
     W_final is phi x phi px; with `search = fixed` (the ablation of 4.4.1) it reaches as far on each side as the shorter
     side of the left polygon's bounding box.
     """
-    usable = np.flatnonzero(np.isfinite(placement.centers).all(1))
+    usable = np.flatnonzero(np.isfinite(locations.centers).all(1))
     if len(usable) == 0 or len(right) == 0:
         return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64))
     reach = np.full(len(usable), config.phi / 2.0)
     if config.search == "fixed":
         reach = (left.bounds[usable, 2:] - left.bounds[usable, :2]).min(1)
-    center = placement.centers[usable]
+    center = locations.centers[usable]
     windows = shapely.box(*(center - reach[:, None]).T, *(center + reach[:, None]).T)
     hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
     return Candidates.of(usable[hit], row)

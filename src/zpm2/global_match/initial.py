@@ -14,7 +14,7 @@ from zpm2.model import PointMatches
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class PriorLocations:
     """Where n left polygons should be in the right image, before the pyramid looks."""
 
     centers: NDArray[np.float64]  # (n, 2) right image px; NaN where there is no saying
@@ -35,12 +35,12 @@ class InitialGeometry:
     consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
     planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
 
-    def expected(self, centers: NDArray[np.float64]) -> Expected:
+    def expected(self, centers: NDArray[np.float64]) -> PriorLocations:
         """The (n, 2) centres of left polygons through H; where they are, if there is none."""
         if isinstance(self.homography, Failed):
-            return Expected(centers.copy(), np.tile(np.eye(2), (len(centers), 1, 1)))
+            return PriorLocations(centers.copy(), np.tile(np.eye(2), (len(centers), 1, 1)))
         linear = geometry.homography_jacobian(self.homography, centers)
-        return Expected(geometry.project(self.homography, centers), linear)
+        return PriorLocations(geometry.project(self.homography, centers), linear)
 
     def forward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
         """The points that agree with F, left to right, and H: what carries left polygons over (`polygons.warp`)."""

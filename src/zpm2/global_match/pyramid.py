@@ -11,7 +11,7 @@ window found at one level, mapped down, is the next level's search window. Where
 - The epipolar constraint is a distance in px of the level, and it chooses among the positions of the window instead of
   rejecting the best one afterwards.
 - A template without texture, a search window outside the right image or a band that misses the window leave the centre
-  where the level above (or H) put it, and `Placement.found` says that no level confirmed it.
+  where the level above (or H) put it, and `PyramidLocations.found` says that no level confirmed it.
 
 `reference.py` beside this file is the same in plain loops, for reading and for tests.
 """
@@ -28,7 +28,7 @@ from scipy import fft
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match.initial import Expected, InitialGeometry
+from zpm2.global_match.initial import InitialGeometry, PriorLocations
 from zpm2.model import Image
 from zpm2.photos.sampling import bilinear, pyramid
 
@@ -37,14 +37,14 @@ CHUNK = 64  # polygons correlated at a time; larger ones leave the processor's c
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class PyramidLocations:
     """Where the pyramid puts each of n left polygons in the right image."""
 
     centers: Array  # (n, 2) image px of the right image, sub-pixel; NaN where not even H gives a place
     found: NDArray[np.bool_]  # (n,) the full-resolution level confirmed the place by correlation
     correlation: Array  # (n,) NCC at the finest level that correlated, -1..1; 0 where none did
     outside: NDArray[np.bool_]  # (n,) the expected place is not in the right image
-    expected: Expected  # where the search began
+    expected: PriorLocations  # where the search began
 
     def maps(self, centers: Array, rows: NDArray[np.int64]) -> Array:
         """(c, 3, 3) maps right ~ map @ left of the polygons `rows` (c,), of all whose (n, 2) `centers` are given: from
@@ -72,8 +72,8 @@ def place(
     centers: Array,
     initial: InitialGeometry,
     config: GlobalConfig,
-    expected: Expected | None = None,
-) -> Placement:
+    expected: PriorLocations | None = None,
+) -> PyramidLocations:
     """Carry the (n, 2) centres of left polygons, image px, to the right image by Algorithm 1, from where they are
     `expected` on: where H leads, if nothing better is known."""
     n = len(centers)
@@ -82,7 +82,7 @@ def place(
     outside = np.logical_not((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
     found, correlation = np.zeros(n, bool), np.zeros(n)
     if config.search == "fixed":
-        return Placement(predicted, found, correlation, outside, expected)
+        return PyramidLocations(predicted, found, correlation, outside, expected)
     levels = level_count(left.width, left.height, config)
     left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
     lines = None
@@ -109,7 +109,7 @@ def place(
             correlation[rows] = np.where(ok, score, correlation[rows])
             found[rows] = ok
         window = config.phi * config.factor
-    return Placement(predicted, found, correlation, outside, expected)
+    return PyramidLocations(predicted, found, correlation, outside, expected)
 
 
 def _search(

@@ -12,7 +12,7 @@ from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
 from zpm2.global_match.initial import InitialGeometry
-from zpm2.global_match.pyramid import Placement, level_count
+from zpm2.global_match.pyramid import PyramidLocations, level_count
 from zpm2.model import Image
 from zpm2.photos.sampling import pyramid
 
@@ -20,13 +20,15 @@ Array = NDArray[np.float64]
 Gray = NDArray[np.float32]
 
 
-def place(left: Image, right: Image, centers: Array, geometry_: InitialGeometry, config: GlobalConfig) -> Placement:
+def place(
+    left: Image, right: Image, centers: Array, geometry_: InitialGeometry, config: GlobalConfig
+) -> PyramidLocations:
     """Carry the (n, 2) centres of left polygons, image px, to the right image."""
     levels = level_count(left.width, left.height, config)
     x_pyramid, y_pyramid = pyramid(left.gray, levels, config.factor), pyramid(right.gray, levels, config.factor)
     n = len(centers)
     start = geometry_.expected(centers)
-    result = Placement(np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool), start)
+    result = PyramidLocations(np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool), start)
     for i, c in enumerate(centers):
         at, jacobian = _predict(c, geometry_)
         result.outside[i] = not (0 <= at[0] < right.width and 0 <= at[1] < right.height)

@@ -8,31 +8,33 @@ from zpm2.config import Config
 from zpm2.files.places import absolute
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import redetection
-from zpm2.guided.prior import Guidance
-from zpm2.model import Image, Polygon, PolygonArrays, PolygonMatch, Side
+from zpm2.guided.prior import GuidedPrior
+from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import about
 from zpm2.polygons.vectorize import vectorize
-from zpm2.runtime import Progress, Turns, resolve_device
+from zpm2.runtime import OneThreadAtATime, Progress, resolve_device
 from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter
 
 
 @dataclass(frozen=True, eq=False)
-class Detected:
+class PairRegions:
     """The regions of a pair, as the matcher takes them."""
 
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]
     messages: list[str]  # warnings, and notes (`messages`)
-    pair: redetection.Pair | None = None  # where the segmenter can be asked again
-    guidance: Guidance | None = None
+    pair: redetection.ViewPair | None = None  # where the segmenter can be asked again
+    guided_prior: GuidedPrior | None = None
 
-    def sides(self, matches: Sequence[PolygonMatch]) -> tuple[tuple[Side, Side], Sequence[PolygonMatch]]:
+    def sides(
+        self, matches: Sequence[PolygonMatch]
+    ) -> tuple[tuple[ImagePolygons, ImagePolygons], Sequence[PolygonMatch]]:
         """Both sides of a result, and the matches by the ids that their polygons have there."""
         polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
         if self.pair is not None:
             polygons, matches = redetection.settle(self.pair, matches)
         left, right = (
-            Side(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
+            ImagePolygons(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
         )
         return (left, right), matches
 
@@ -54,7 +56,7 @@ class RegionStages:
         self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
         self.given = segmenter is not None
         self._sides_done = 0
-        self.turns = Turns()  # of the threads that use one matcher
+        self.turns = OneThreadAtATime()  # of the threads that use one matcher
 
     def load(self) -> tuple[Segmenter, Segmenter]:
         """The segmenters of the left and the right image; SAM is loaded the first time, where no other was given."""
@@ -67,7 +69,7 @@ class RegionStages:
             self._segmenters = (sam, sam)
         return self._segmenters
 
-    def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "Detected":
+    def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "PairRegions":
         """The polygons of both images: each image segmented alone, or, where `initial` is given, the configuration asks
         for it, and the segmenter can be asked, the right one guided by the left one."""
         segmenters, why_not = self.load(), None
@@ -87,24 +89,28 @@ class RegionStages:
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
         (left, right), notes = zip(*found, strict=True)
         messages = _messages(images, notes, (left, right)) + ([why_not] if why_not else [])
-        return Detected(images, (PolygonArrays(left), PolygonArrays(right)), messages)
+        return PairRegions(images, (PolygonArrays(left), PolygonArrays(right)), messages)
 
     def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
         """The polygons of one image by the segmenter of that side, whatever the other image shows."""
         return self._polygons(self.load()[side == "right"], image)[0]
 
-    def redetect(self, found: "Detected", matches: Sequence[PolygonMatch], initial: InitialGeometry) -> "Detected":
+    def redetect(
+        self, found: "PairRegions", matches: Sequence[PolygonMatch], initial: InitialGeometry
+    ) -> "PairRegions":
         """`found` and what asking the left image about the unmatched right polygons adds."""
         assert found.pair is not None
         return self._guided(found.images, redetection.redetect(found.pair, matches, initial, self.config), initial)
 
-    def _guided(self, images: tuple[Image, Image], pair: redetection.Pair, initial: InitialGeometry) -> "Detected":
+    def _guided(
+        self, images: tuple[Image, Image], pair: redetection.ViewPair, initial: InitialGeometry
+    ) -> "PairRegions":
         polygons = pair.left.polygons, pair.right.polygons
         left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
         left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
         messages = _messages(images, (left_notes, right_notes), polygons)
-        guidance = redetection.guidance(pair, left, initial, self.config)
-        return Detected(images, (left, right), messages, pair, guidance)
+        guided_prior = redetection.guided_prior(pair, left, initial, self.config)
+        return PairRegions(images, (left, right), messages, pair, guided_prior)
 
     def download(self, done: int, total: int) -> None:
         """Tells `progress` how many bytes of weights have come."""

@@ -21,10 +21,10 @@ def matching_cost(
     With `few_points`, points below gamma count for their share of it where texture says less: small polygons have few
     points, and little texture once their outlines differ by a pixel.
     """
-    support = np.maximum(texture, 0.0)
+    shared_points = np.maximum(texture, 0.0)
     if few_points:
-        support = np.maximum(support, dsf / max(gamma, 1))
-    similar = psi * np.where(dsf >= gamma, np.log(dsf + np.e), support)
+        shared_points = np.maximum(shared_points, dsf / max(gamma, 1))
+    similar = psi * np.where(dsf >= gamma, np.log(dsf + np.e), shared_points)
     return np.asarray(1.0 / (similar + epsilon))
 
 

@@ -199,11 +199,11 @@ def _shared_pixels(source: Sequence[Mask], target: Sequence[Mask], matrix: Array
     """(s, t) pixels that each of s disjoint masks, carried by `matrix` (target ~ matrix @ source, image px), shares
     with each of t disjoint masks of the other image."""
     (x, y, labels), (u, v, others) = _painted(source), _painted(target)
-    carried = _warped(labels, matrix @ [[1, 0, x + 0.5], [0, 1, y + 0.5], [0, 0, 1]], u, v, others.shape)
-    both = np.logical_and(carried, others)
+    warped = _warped(labels, matrix @ [[1, 0, x + 0.5], [0, 1, y + 0.5], [0, 0, 1]], u, v, others.shape)
+    both = np.logical_and(warped, others)
     if len(source) == len(target) == 1:
         return np.array([[np.count_nonzero(both)]])
-    counts = np.bincount(carried[both].astype(np.int64) * 256 + others[both], minlength=256 * 256)
+    counts = np.bincount(warped[both].astype(np.int64) * 256 + others[both], minlength=256 * 256)
     return np.asarray(counts.reshape(256, 256)[1 : len(source) + 1, 1 : len(target) + 1])
 
 

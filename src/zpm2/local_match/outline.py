@@ -40,11 +40,11 @@ def outline_correspondence(
     depth = p[:, 2] * np.sign(p[:, 2].sum())
     if not np.isfinite(p).all() or (depth <= 1e-6 * depth.max()).any():
         return np.zeros((0, 5))
-    carried = p[:, :2] / p[:, 2:]
-    turns = _turn(carried) * _turn(right)
+    warped = p[:, :2] / p[:, 2:]
+    turns = _turn(warped) * _turn(right)
     if turns == 0:
         return np.zeros((0, 5))
-    source, target = _Outline(carried, step), _Outline(right if turns > 0 else right[::-1], step)
+    source, target = _Outline(warped, step), _Outline(right if turns > 0 else right[::-1], step)
     back = np.linalg.inv(matrix)
     epipolar = np.zeros((3, 3)) if fundamental is None else fundamental @ back
     s, t = _settle(source, target, align(_costs(source, target, epipolar)), epipolar)

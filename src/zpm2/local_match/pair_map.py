@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates
-from zpm2.local_match.support import lookup, support
+from zpm2.local_match.shared_points import lookup, shared_points
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import overlaps
@@ -41,7 +41,7 @@ def _by_points(
     """(n, 3, 3) maps, which without points move centroid onto centroid, and (n,) the points inside both polygons."""
     each = np.arange(len(left))
     maps, points_inside = _affine(linear, left.centers, right.centers), np.zeros(len(left), np.int64)
-    inside = support(points, left, right)
+    inside = shared_points(points, left, right)
     at = lookup(np.arange(len(inside.pairs)), inside.pairs, Candidates(each, each))
     some = np.flatnonzero(at >= 0)
     if len(some) == 0:

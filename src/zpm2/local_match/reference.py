@@ -1,6 +1,6 @@
 """The local matcher's equations (paper 3.4) in plain loops: to be read, and to test the fast forms with.
 
-Every choice that the paper leaves open is made as `shape.py`, `support.py` and `assignment.py` state it. Slow on
+Every choice that the paper leaves open is made as `shape.py`, `shared_points.py` and `assignment.py` state it. Slow on
 purpose: the optima are found by trying everything, or by one linear assignment over all polygons.
 """
 

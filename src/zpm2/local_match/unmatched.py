@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from zpm2.model import PolygonArrays
 from zpm2.polygons.overlap import overlaps
-from zpm2.polygons.warp import Carried
+from zpm2.polygons.warp import WarpedPolygons
 
 Reason = Literal["outside overlap", "occluded", "no candidate", "rejected"]
 REASONS: tuple[Reason, ...] = ("outside overlap", "occluded", "no candidate", "rejected")
@@ -21,7 +21,7 @@ def reasons(
     polygons: PolygonArrays,
     others: PolygonArrays,
     partner: NDArray[np.int64],
-    carried: Carried,
+    warped: WarpedPolygons,
     seen: NDArray[np.float64],
     min_overlap: float,
 ) -> dict[int, Reason]:
@@ -33,22 +33,22 @@ def reasons(
       look different, or another match was better;
     - "no candidate": there is none, or it is not known where it should be.
 
-    `partner` (n,) is the row of each polygon's partner among `others`, or -1; `carried` the polygons in the other
+    `partner` (n,) is the row of each polygon's partner among `others`, or -1; `warped` the polygons in the other
     photograph, and `seen` (n,) the share of each that is visible there.
     """
-    lonely = np.flatnonzero(partner < 0)
-    shapes = carried.shapes[lonely]
+    unmatched = np.flatnonzero(partner < 0)
+    shapes = warped.shapes[unmatched]
     known = ~shapely.is_empty(shapes)
     i, j = shapely.STRtree(others.shapes).query(shapes, predicate="intersects")
     overlap = overlaps(shapes[i], others.shapes[j])
-    candidate = np.zeros(len(lonely), bool)
+    candidate = np.zeros(len(unmatched), bool)
     candidate[i[overlap >= min_overlap]] = True
     back = np.full(len(others), -1, np.int64)
     matched = np.flatnonzero(partner >= 0)
     back[partner[matched]] = matched
-    hidden = _covered(polygons, lonely, shapes, i, j, back, others) > MOSTLY
+    hidden = _covered(polygons, unmatched, shapes, i, j, back, others) > MOSTLY
     found: dict[int, Reason] = {}
-    for k, row in enumerate(lonely):
+    for k, row in enumerate(unmatched):
         reason: Reason = "no candidate"
         if known[k] and seen[row] < MOSTLY:
             reason = "outside overlap"
@@ -60,11 +60,13 @@ def reasons(
     return found
 
 
-def visible(carried: Carried, size: tuple[int, int], valid: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+def visible(
+    warped: WarpedPolygons, size: tuple[int, int], valid: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
     """(n,) share of each carried polygon that lies in a photograph of `size` (width, height) px, on pixels with data.
 
     `valid` (h, w) says of all of the photograph, at whatever resolution, where there are data."""
-    shapes = carried.shapes
+    shapes = warped.shapes
     inside = shapely.intersection(shapes, shapely.box(0, 0, *size))
     share = shapely.area(inside) / np.maximum(shapely.area(shapes), 1e-300)
     if valid is None:
@@ -82,7 +84,7 @@ def visible(carried: Carried, size: tuple[int, int], valid: NDArray[np.bool_] | 
 
 def _covered(
     polygons: PolygonArrays,
-    lonely: NDArray[np.intp],
+    unmatched: NDArray[np.intp],
     shapes: NDArray[np.object_],
     i: NDArray[np.int64],
     j: NDArray[np.int64],
@@ -92,13 +94,13 @@ def _covered(
     """(l,) share of each carried shape under other polygons whose partners lie apart from the polygon."""
     keep = back[j] >= 0
     i, j = i[keep], j[keep]
-    own, theirs = polygons.shapes[lonely[i]], polygons.shapes[back[j]]
+    own, theirs = polygons.shapes[unmatched[i]], polygons.shapes[back[j]]
     common = shapely.area(shapely.intersection(own, theirs))
     apart = common <= APART * np.minimum(shapely.area(own), shapely.area(theirs))
     i, j = i[apart], j[apart]
     order = np.argsort(i, kind="stable")
     i, j = i[order], j[order]
-    share = np.zeros(len(lonely))
+    share = np.zeros(len(unmatched))
     for k, rows in zip(np.unique(i), _parts(i), strict=True):
         cover = shapely.union_all(shapely.intersection(others.shapes[j[rows]], shapes[k]))
         share[k] = cover.area / max(shapes[k].area, 1e-300)

@@ -3,11 +3,11 @@
 from zpm2.model.camera import Camera, PosedCamera
 from zpm2.model.georeference import Georeference
 from zpm2.model.image import THIN, Image, thin
+from zpm2.model.image_polygons import ImagePolygons
 from zpm2.model.mask import Mask
 from zpm2.model.match import Counterpart, PolygonMatch, Stage, counterparts
 from zpm2.model.points import PointMatches
 from zpm2.model.polygon import Polygon, PolygonArrays
-from zpm2.model.side import Side
 
 __all__ = [
     "THIN",
@@ -15,13 +15,13 @@ __all__ = [
     "Counterpart",
     "Georeference",
     "Image",
+    "ImagePolygons",
     "Mask",
     "PointMatches",
     "Polygon",
     "PolygonArrays",
     "PolygonMatch",
     "PosedCamera",
-    "Side",
     "Stage",
     "counterparts",
     "thin",

@@ -18,14 +18,14 @@ RPC_REACH = 2.0  # how far from their centre RPCs are believed, in units of thei
 _SEMI_MAJOR, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of WGS 84, m
 
 
-class Place(Protocol):
+class Geolocator(Protocol):
     """Image px to degrees and back, (n, 2) each, NaN where there is no way."""
 
     def to_lon_lat(self, points: Array) -> Array: ...
     def from_lon_lat(self, degrees: Array) -> Array: ...
 
 
-class ByTransform:
+class TransformGeolocator:
     """By a reference system, in rasterio's terms, and the map into it."""
 
     def __init__(self, crs: Any, geo: Georeference) -> None:
@@ -38,7 +38,7 @@ class ByTransform:
         return self._geo.to_image(_warped("EPSG:4326", self._crs, degrees))
 
 
-class ByRpc:
+class RpcGeolocator:
     """By rational polynomial coefficients, on the surface of their mean height."""
 
     def __init__(self, rpcs: Any) -> None:
@@ -78,17 +78,17 @@ class ByRpc:
 
 def place_of(
     source: Any, width: int, height: int, gsd: float | None, notes: list[str]
-) -> tuple[Place | None, Georeference]:
+) -> tuple[Geolocator | None, Georeference]:
     """How pixels get to longitude and latitude, and what is known of that for the results."""
     affine = source.transform
     matrix = None if affine.is_identity else np.array(affine[:6], np.float64).reshape(2, 3)
     if matrix is not None and not (np.isfinite(matrix).all() and np.linalg.det(matrix[:, :2])):
         matrix = None
     geo, rpcs = Georeference(_crs_text(source.crs), matrix), _rpcs(source)
-    place: Place | None = None
-    if geo.located and _reaches_ground(by_transform := ByTransform(source.crs, geo), width, height):
+    place: Geolocator | None = None
+    if geo.located and _reaches_ground(by_transform := TransformGeolocator(source.crs, geo), width, height):
         place = by_transform
-    elif rpcs is not None and _reaches_ground(by_rpc := ByRpc(rpcs), width, height):
+    elif rpcs is not None and _reaches_ground(by_rpc := RpcGeolocator(rpcs), width, height):
         place = by_rpc
         notes.append(Note("Placed by its rational polynomial coefficients (RPC)."))
     elif matrix is None and source.gcps[0]:
@@ -111,7 +111,7 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
     except ImportError as error:
         raise MissingDependency('RPCs need rasterio: pip install "zpm2[geo]"') from error
     try:
-        return "EPSG:4326", ByRpc(RPC(**geo.rpc)).to_lon_lat
+        return "EPSG:4326", RpcGeolocator(RPC(**geo.rpc)).to_lon_lat
     except (TypeError, ValueError):  # some are missing or no numbers
         return None
 
@@ -130,12 +130,12 @@ def _rpcs(source: Any) -> Any:
         return None
 
 
-def _reaches_ground(place: Place, width: int, height: int) -> bool:
+def _reaches_ground(place: Geolocator, width: int, height: int) -> bool:
     spots = np.array([(x, y) for y in (0.0, 0.5, 1.0) for x in (0.0, 0.5, 1.0)])
     return bool(np.isfinite(place.to_lon_lat(spots * (width, height))).any())
 
 
-def _pixel_size(place: Place, width: int, height: int) -> float | None:
+def _pixel_size(place: Geolocator, width: int, height: int) -> float | None:
     """m on the ground: the side of a square as large as a pixel in the middle of the image."""
     step = 5.0  # px, enough for the digits of the longitudes and little enough for the curvature
     cross = step * np.array([(-1, 0), (1, 0), (0, -1), (0, 1)]) + np.array([width / 2, height / 2])

@@ -74,7 +74,7 @@ class Source(Protocol):
     def close(self) -> None: ...
 
 
-class Held:
+class InMemoryPhoto:
     """A photograph that is in memory."""
 
     placed = False
@@ -121,7 +121,7 @@ def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (
         return _open_file(Path(source), name, bands, gsd)
     if bands:
         raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
-    return Held(_from_memory(source, name), (), gsd)
+    return InMemoryPhoto(_from_memory(source, name), (), gsd)
 
 
 def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -> Source:
@@ -132,7 +132,7 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
         if bands:
             raise
         try:
-            return Held(pictures.read_file(path, what), _missed(path), gsd)
+            return InMemoryPhoto(pictures.read_file(path, what), _missed(path), gsd)
         except pictures.UnknownFormat as error:
             raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
     except Unopened as error:
@@ -142,14 +142,14 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
             raise error from None  # which knows more about rasters
         if bands:
             raise InputError(f"{what}: bands are chosen from rasters that GDAL reads, it does not know this") from error
-        return Held(image, (), gsd)
+        return InMemoryPhoto(image, (), gsd)
     large = raster.width * raster.height > LARGE
     if raster.placed or raster.geo.transform is not None or bands or large:
         return raster
     with raster:
         image = pictures.read_file(path, what) if raster.plain else raster.read()
         dropped = raster.alpha and not raster.plain and image.valid is None
-    return Held(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
+    return InMemoryPhoto(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
 
 
 def _from_memory(source: Any, name: str) -> Image:

@@ -22,7 +22,7 @@ AROUND = 8  # points nearest to a polygon that has none of its own
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class WarpedPolygons:
     """n polygons in the other image."""
 
     maps: Array  # (n, 3, 3) other ~ map @ own, image px
@@ -33,7 +33,9 @@ class Carried:
         return len(self.maps)
 
 
-def carry(polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int) -> Carried:
+def warp_by_points(
+    polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int
+) -> WarpedPolygons:
     """The polygons of the points' left image, as its right one should show them.
 
     With `gamma` points inside, a polygon has a homography of its own (3.4.1). With fewer, the local affine part of H
@@ -41,7 +43,9 @@ def carry(polygons: PolygonArrays, points: PointMatches, homography: Array | Fai
     """
     n = len(polygons)
     if n == 0 or len(points) == 0:
-        return Carried(np.broadcast_to(np.eye(3), (n, 3, 3)), np.full(n, shapely.Polygon(), object), np.zeros(n, int))
+        return WarpedPolygons(
+            np.broadcast_to(np.eye(3), (n, 3, 3)), np.full(n, shapely.Polygon(), object), np.zeros(n, int)
+        )
     tree = shapely.STRtree(shapely.points(points.left))
     shapely.prepare(polygons.shapes)
     polygon, point = tree.query(polygons.shapes, predicate="contains")
@@ -61,7 +65,7 @@ def carry(polygons: PolygonArrays, points: PointMatches, homography: Array | Fai
         keep = rich[polygon]
         renumbered = (np.cumsum(rich) - 1)[polygon[keep]]
         maps[rich] = local_homography.fit_homographies(points, point[keep], renumbered, maps[rich])
-    return Carried(maps, transformed(polygons, np.arange(n), maps), own)
+    return WarpedPolygons(maps, transformed(polygons, np.arange(n), maps), own)
 
 
 def _moved(

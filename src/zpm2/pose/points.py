@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.features.combined import distinct
-from zpm2.local_match.support import support
+from zpm2.local_match.shared_points import shared_points
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.model.brief import brief
 
@@ -37,7 +37,7 @@ def region_of(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -
     each other, as the paper wants it.
     """
     region = np.full(len(points), -1, np.intp)
-    inside = support(points, left, right)
+    inside = shared_points(points, left, right)
     pair = np.repeat(np.arange(len(inside.pairs)), inside.counts)
     i, j, point = inside.pairs.left[pair], inside.pairs.right[pair], inside.point
     matched = i == j

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from zpm2.config import SegmentConfig
 from zpm2.segment import suppression
 from zpm2.segment.blobs import blobs, has_data
-from zpm2.segment.predictions import Answers, Floor, Prompts
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
 
 FIRST = 1 / 64  # of the points of the grid: asked before anything else
@@ -27,38 +27,43 @@ CHUNK = 256  # masks looked at at a time; one takes up to 64 kB
 Rows = NDArray[np.int64]
 
 
-def everything(
+def automatic_masks(
     view: PromptedView,
     config: SegmentConfig,
-    floor: Floor | None = None,
-    known: Answers | None = None,
+    thresholds: MaskThresholds | None = None,
+    known: MaskPredictions | None = None,
     progress: Callable[[float], None] = lambda _: None,
-) -> Answers:
+) -> MaskPredictions:
     """The regions of a view that the prompts find, best score first, `known` ones before all others.
 
-    `floor` is `config`'s, if no other is given. `known` are answers that are regions already, the best one first: where
-    they are fine no point is asked, and what overlaps one of them by more than `config.nms_iou` is the same region.
+    `thresholds` are `config`'s, if no others are given. `known` are masks that are regions already, the best one first:
+    where they are fine no prompt is made, and a mask that overlaps one of them by more than `config.nms_iou` is the
+    same region.
     """
-    floor = floor or Floor(config.min_predicted_iou, config.min_stability)
-    known = Answers.none(view.size) if known is None else known
+    thresholds = thresholds or MaskThresholds(config.min_predicted_iou, config.min_stability)
+    known = MaskPredictions.none(view.size) if known is None else known
     if config.quality == "full":
         found, points = [], grid(config.grid, view.size)
         points = points[has_data(view.image, view.size)[_pixels(points)]]
         for start in range(0, len(points), view.batch):
-            found.append(view.ask(Prompts.at(points[start : start + view.batch] / view.low), floor))
+            found.append(view.predict(Prompts.at(points[start : start + view.batch] / view.mask_scale), thresholds))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        found = _where_it_pays(view, config, floor, known, progress)
-    answers = Answers.join([known, *found])
+        found = _where_it_pays(view, config, thresholds, known, progress)
+    predictions = MaskPredictions.join([known, *found])
     del found
-    rank = answers.score.astype(np.float64)
+    rank = predictions.score.astype(np.float64)
     rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
-    return distinct(answers, rank, config, view)
+    return distinct(predictions, rank, config, view)
 
 
 def _where_it_pays(
-    view: PromptedView, config: SegmentConfig, floor: Floor, known: Answers, progress: Callable[[float], None]
-) -> list[Answers]:
+    view: PromptedView,
+    config: SegmentConfig,
+    thresholds: MaskThresholds,
+    known: MaskPredictions,
+    progress: Callable[[float], None],
+) -> list[MaskPredictions]:
     """The answers to the prompts of the faster levels, batch by batch."""
     points, valid, seen = grid(config.grid, view.size), has_data(view.image, view.size), _Seen(view.size)
     spots = blobs(view.image, valid)
@@ -67,26 +72,26 @@ def _where_it_pays(
     first, most_spots, outside = (
         max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
     )
-    found: list[Answers] = []
+    found: list[MaskPredictions] = []
 
-    def ask(at: NDArray[np.float64], worth: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
+    def predict(at: NDArray[np.float64], worth: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
         """At most so many of the points, in their order, that are worth it when their turn comes."""
         rows, asked = np.arange(len(at)), 0
         while asked < most and len(rows := rows[worth(rows)]):
             some, rows = np.split(rows, [min(view.batch, most - asked)])
-            answers = view.ask(Prompts.at(at[some] / view.low), floor)
-            seen.add(answers.bits, _finest_around(answers, *_pixels(at[some])).bits)
-            found.append(answers)
+            predictions = view.predict(Prompts.at(at[some] / view.mask_scale), thresholds)
+            seen.add(predictions.bits, _finest_around(predictions, *_pixels(at[some])).bits)
+            found.append(predictions)
             asked += len(some)
             progress((done + asked) / (first + most_spots + outside))
 
     def unexplained(rows: Rows) -> NDArray[np.bool_]:
         return np.asarray(seen.smallest[_pixels(spots.points[rows])] > EXPLAINED * spots.area[rows])
 
-    ask(points[:first], lambda rows: ~seen.covered[_pixels(points[rows])], first, 0)
-    ask(spots.points, unexplained, most_spots, first)
+    predict(points[:first], lambda rows: ~seen.covered[_pixels(points[rows])], first, 0)
+    predict(spots.points, unexplained, most_spots, first)
     rest = points[first:]
-    ask(rest, lambda rows: ~seen.covered[_pixels(rest[rows])], outside, first + most_spots)
+    predict(rest, lambda rows: ~seen.covered[_pixels(rest[rows])], outside, first + most_spots)
     progress(1.0)
     return found
 
@@ -122,28 +127,30 @@ def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
     return np.c_[(x.ravel()[order] + 0.5) * size[1] / n, (y.ravel()[order] + 0.5) * size[0] / n]
 
 
-def distinct(answers: Answers, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView) -> Answers:
+def distinct(
+    predictions: MaskPredictions, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView
+) -> MaskPredictions:
     """Without masks that are too small or too large, and of those that show the same region the one of highest `rank`
     (n,); highest rank first."""
-    area = np.array([np.count_nonzero(logits > 0) for logits in answers.logits], np.int64)
-    pixels = area / view.low**2  # image px^2
+    area = np.array([np.count_nonzero(logits > 0) for logits in predictions.logits], np.int64)
+    pixels = area / view.mask_scale**2  # image px^2
     usable = (pixels >= config.min_area / 2) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
     rows = np.flatnonzero(usable)
     if len(rows) == 0:
-        return answers[rows]
-    chunks = (answers.logits[rows[k : k + CHUNK]] > 0 for k in range(0, len(rows), CHUNK))
+        return predictions[rows]
+    chunks = (predictions.logits[rows[k : k + CHUNK]] > 0 for k in range(0, len(rows), CHUNK))
     packed, box = map(
         np.concatenate, zip(*((suppression.pack(bits), suppression.boxes(bits)) for bits in chunks), strict=True)
     )
-    return answers[rows[suppression.suppress(packed, box, area[rows], rank[rows], config.nms_iou)]]
+    return predictions[rows[suppression.suppress(packed, box, area[rows], rank[rows], config.nms_iou)]]
 
 
-def _finest_around(answers: Answers, row: NDArray[np.int64], column: NDArray[np.int64]) -> Answers:
+def _finest_around(predictions: MaskPredictions, row: NDArray[np.int64], column: NDArray[np.int64]) -> MaskPredictions:
     """Of each prompt the smallest mask that contains its own point."""
-    bits = answers.bits
-    around = np.flatnonzero(bits[np.arange(len(bits)), row[answers.prompt], column[answers.prompt]])
+    bits = predictions.bits
+    around = np.flatnonzero(bits[np.arange(len(bits)), row[predictions.prompt], column[predictions.prompt]])
     area = bits[around].sum((1, 2))
-    order = around[np.lexsort((area, answers.prompt[around]))]
-    _, first = np.unique(answers.prompt[order], return_index=True)
-    return answers[order[first]]
+    order = around[np.lexsort((area, predictions.prompt[around]))]
+    _, first = np.unique(predictions.prompt[order], return_index=True)
+    return predictions[order[first]]

@@ -1,4 +1,4 @@
-"""What a promptable segmenter is asked and what it answers, at the resolution at which it decodes."""
+"""Prompts and the masks that a promptable segmenter predicts for them, at the resolution at which it decodes."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ INSIDE, CORNER, OTHER_CORNER = 1, 2, 3  # labels of a prompt's points
 
 @dataclass(frozen=True, eq=False)
 class Prompts:
-    """Questions of one form: every prompt has the same number of points, with the same labels."""
+    """Prompts of one form: each has the same number of points, with the same labels."""
 
     points: NDArray[np.float64]  # (n, P, 2) image px
     labels: NDArray[np.int64]  # (P,) INSIDE for a point of the region, CORNER and OTHER_CORNER for its box
@@ -30,18 +30,18 @@ class Prompts:
 
 
 @dataclass(frozen=True)
-class Floor:
-    """Answers below are not given: their masks are not decoded, or not kept."""
+class MaskThresholds:
+    """The least quality of a mask; below, it is not decoded or not kept."""
 
     predicted_iou: float  # 0..1, the model's own estimate of a mask's quality
     stability: float  # 0..1, IoU of the mask cut at +offset and at -offset
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class MaskPredictions:
     """Masks of one view, several per prompt or none."""
 
-    prompt: NDArray[np.int64]  # (n,) row of the prompt that was asked
+    prompt: NDArray[np.int64]  # (n,) row of the prompt
     score: NDArray[np.float32]  # (n,) predicted IoU
     stability: NDArray[np.float32]  # (n,)
     logits: NDArray[np.float16]  # (n, h, w) of the view's `size`, inside where > 0
@@ -49,12 +49,12 @@ class Answers:
     def __len__(self) -> int:
         return len(self.prompt)
 
-    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Answers":
-        return Answers(self.prompt[rows], self.score[rows], self.stability[rows], self.logits[rows])
+    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "MaskPredictions":
+        return MaskPredictions(self.prompt[rows], self.score[rows], self.stability[rows], self.logits[rows])
 
-    def reach(self, floor: Floor) -> NDArray[np.bool_]:
+    def passing(self, thresholds: MaskThresholds) -> NDArray[np.bool_]:
         """(n,) which of them reach a floor."""
-        return np.asarray((self.score >= floor.predicted_iou) & (self.stability >= floor.stability))
+        return np.asarray((self.score >= thresholds.predicted_iou) & (self.stability >= thresholds.stability))
 
     @property
     def bits(self) -> NDArray[np.bool_]:
@@ -62,15 +62,15 @@ class Answers:
         return np.asarray(self.logits > 0)
 
     @staticmethod
-    def none(size: tuple[int, int]) -> "Answers":
+    def none(size: tuple[int, int]) -> "MaskPredictions":
         """Of a view of that `size`."""
         nothing = np.zeros(0, np.float32)
-        return Answers(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, *size), np.float16))
+        return MaskPredictions(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, *size), np.float16))
 
     @staticmethod
-    def join(parts: "list[Answers]") -> "Answers":
+    def join(parts: "list[MaskPredictions]") -> "MaskPredictions":
         """One after the other, at least one, each with its own numbering of prompts."""
-        return Answers(
+        return MaskPredictions(
             np.concatenate([p.prompt for p in parts]),
             np.concatenate([p.score for p in parts]),
             np.concatenate([p.stability for p in parts]),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.model import Image, Mask, Polygon
-from zpm2.segment.predictions import Answers, Floor, Prompts
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 
 
 class Segmenter(Protocol):
@@ -34,20 +34,20 @@ class PolygonSource(Protocol):
 class PromptedView(Protocol):
     """One photograph, encoded once, that can be asked about places as often as wanted."""
 
-    low: float  # px of a decoded mask per image px
+    mask_scale: float  # px of a decoded mask per image px
     size: tuple[int, int]  # (height, width) of a decoded mask, px; the longer side has LOW
     image: Image
     batch: int  # prompts that are best asked together on this device
 
-    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
-        """The masks of each prompt that reach `floor`."""
+    def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of each prompt that reach `thresholds`."""
         ...
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
         """(n,) shapely polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
         ...
 
-    def masks(self, answers: Answers) -> list[Mask]:
+    def masks(self, predictions: MaskPredictions) -> list[Mask]:
         """Each answer at the image's resolution."""
         ...
 

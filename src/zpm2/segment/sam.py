@@ -16,14 +16,14 @@ from zpm2.config import SegmentConfig
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask, thin
 from zpm2.polygons.rasterize import rasterize_stack
-from zpm2.runtime import Turns
+from zpm2.runtime import OneThreadAtATime
 from zpm2.segment import automatic, suppression
-from zpm2.segment.predictions import LOW, Answers, Floor, Prompts
+from zpm2.segment.predictions import LOW, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam_backend import SamBackend, open_backend
 
 SIDE = 1024  # px, what the image encoder sees
 SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
-TURNS = Turns()  # of all threads: whichever segmenter they ask, it takes all cores
+TURNS = OneThreadAtATime()  # of all threads: whichever segmenter they ask, it takes all cores
 MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 STD = np.array([58.395, 57.12, 57.375], np.float32)
 
@@ -66,7 +66,7 @@ class SamSegmenter:
     def segment(self, image: Image) -> list[Mask]:
         """Every region that the prompts find, best score first."""
         view = self.view(image)
-        found = view.masks(automatic.everything(view, self.config, progress=self.progress))
+        found = view.masks(automatic.automatic_masks(view, self.config, progress=self.progress))
         return [mask for mask in found if mask.area >= self.config.min_area]
 
 
@@ -82,51 +82,51 @@ class SamView:
             )
         self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
         self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
-        self.low = self.scale * LOW / SIDE  # px of a decoded mask per image px
+        self.mask_scale = self.scale * LOW / SIDE  # px of a decoded mask per image px
         self.size = decoded_size(image)
         with TURNS:
             self.parts = backend.image(encoder_input(image, self.scale))
 
-    def ask(self, prompts: Prompts, floor: Floor) -> Answers:
-        """The masks of each prompt that reach `floor`, by prompt. Those of too low a predicted IoU are not decoded.
+    def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of each prompt that pass `thresholds`. Masks with too low a predicted IoU are not decoded.
 
         A point alone is ambiguous: it gets the masks of a whole, a part and a subpart. With a box, the mask that SAM
         gives to unambiguous prompts comes in addition.
         """
         first = 1 if prompts.points.shape[1] <= SINGLE else 0
         starts = range(0, len(prompts), self.batch)
-        found = [self._ask(prompts[s : s + self.batch], s, first, floor) for s in starts]
-        return Answers.join([Answers.none(self.size), *found])
+        found = [self._ask(prompts[s : s + self.batch], s, first, thresholds) for s in starts]
+        return MaskPredictions.join([MaskPredictions.none(self.size), *found])
 
-    def _ask(self, prompts: Prompts, start: int, first: int, floor: Floor) -> Answers:
+    def _ask(self, prompts: Prompts, start: int, first: int, thresholds: MaskThresholds) -> MaskPredictions:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
         with TURNS:  # what a network returns is its own memory
             iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
             iou, hyper = iou[:, first:], hyper[:, first:]
-            rows = np.flatnonzero((iou >= floor.predicted_iou).any(1))
+            rows = np.flatnonzero((iou >= thresholds.predicted_iou).any(1))
             if len(rows) == 0:
-                return Answers.none(self.size)
+                return MaskPredictions.none(self.size)
             logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
             iou = iou[rows]  # a copy
-        good = iou >= floor.predicted_iou
+        good = iou >= thresholds.predicted_iou
         logits, score = logits[good], iou[good]
         inner = (logits > self.config.stability_offset).sum((1, 2))
         outer = (logits > -self.config.stability_offset).sum((1, 2))
         stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
-        keep = (stability >= floor.stability) & (inner > 0)
+        keep = (stability >= thresholds.stability) & (inner > 0)
         prompt = start + rows[np.nonzero(good)[0][keep]]
-        return Answers(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
+        return MaskPredictions(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
         """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
-        scaled = shapely.transform(shapes, lambda xy: xy * self.low)
+        scaled = shapely.transform(shapes, lambda xy: xy * self.mask_scale)
         return rasterize_stack(np.asarray(scaled, object), self.size[::-1])
 
-    def masks(self, answers: Answers) -> list[Mask]:
+    def masks(self, predictions: MaskPredictions) -> list[Mask]:
         """Each answer at the image's resolution, without pixels that hold no data."""
-        if len(answers) == 0:
+        if len(predictions) == 0:
             return []
-        each = zip(answers.logits, suppression.boxes(answers.bits), answers.score, strict=True)
+        each = zip(predictions.logits, suppression.boxes(predictions.bits), predictions.score, strict=True)
         found = (upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each)
         return [mask.within(self.image.valid) for mask in found]
 

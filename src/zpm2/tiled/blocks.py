@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import Config, GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match import Expected, InitialGeometry, place, search_candidates
-from zpm2.guided.prior import Guidance
+from zpm2.global_match import InitialGeometry, PriorLocations, place, search_candidates
+from zpm2.guided.prior import GuidedPrior
 from zpm2.local_match import one_to_one, possible_matches
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
-from zpm2.polygons.warp import Carried
+from zpm2.polygons.warp import WarpedPolygons
 from zpm2.tiled import windows
 from zpm2.tiled.cells import Cell, uncertainty
 from zpm2.tiled.view import View, reduced_size, view
@@ -37,20 +37,20 @@ def match_blocks(
     polygons: tuple[PolygonArrays, PolygonArrays],
     guided: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     cells: Sequence[Cell],
-    carried: Carried,
+    warped: WarpedPolygons,
     side: int,
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[PolygonMatch]:
-    """One-to-one matches, by ascending left id. `cells` are those of the left polygons and `side` px theirs, `carried`
+    """One-to-one matches, by ascending left id. `cells` are those of the left polygons and `side` px theirs, `warped`
     the left polygons in the right photograph."""
     left, right = polygons
-    places = shapely.bounds(carried.shapes).reshape(-1, 4)
+    places = shapely.bounds(warped.shapes).reshape(-1, 4)
     longer = [(bounds[:, 2:] - bounds[:, :2]).max(1, initial=0) for bounds in (places, right.bounds)]
     tree = shapely.STRtree(right.shapes)
     possible: list[PolygonMatch] = []
     for k, cell in enumerate(cells):
-        reductions = cell.reduction, cell.reduction * _scale(left, carried, cell)
+        reductions = cell.reduction, cell.reduction * _scale(left, warped, cell)
         search = config.global_match
         if search.search == "pyramid":
             search = replace(search, max_layers=layers(uncertainty(cell.initial) / reductions[1], search))
@@ -69,7 +69,7 @@ def match_blocks(
                 view(sources[0], own, reduced_size(own, reductions[0])),
                 view(sources[1], target, reduced_size(target, reductions[1])),
             )
-            possible += _block(views, polygons, guided, cell.initial, carried, rows, partners, chosen)
+            possible += _block(views, polygons, guided, cell.initial, warped, rows, partners, chosen)
         progress((k + 1) / len(cells))
     return one_to_one(possible, config.local_match)
 
@@ -83,9 +83,9 @@ def layers(error: float, config: GlobalConfig) -> int:
     return count
 
 
-def _scale(left: PolygonArrays, carried: Carried, cell: Cell) -> float:
+def _scale(left: PolygonArrays, warped: WarpedPolygons, cell: Cell) -> float:
     """Right px per left px, at least 1: the coarser photograph is not enlarged."""
-    area = shapely.area(carried.shapes[cell.rows])
+    area = shapely.area(warped.shapes[cell.rows])
     some = area > 0
     if not some.any():
         return 1.0
@@ -114,7 +114,7 @@ def _block(
     polygons: tuple[PolygonArrays, PolygonArrays],
     guided: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     initial: InitialGeometry,
-    carried: Carried,
+    warped: WarpedPolygons,
     rows: NDArray[np.int64],
     partners: NDArray[np.int64],
     config: Config,
@@ -125,19 +125,22 @@ def _block(
         PolygonArrays([_moved(arrays.polygons[row], matrix) for row in some])
         for arrays, some, matrix in zip(polygons, (rows, partners), to_view, strict=True)
     )
-    initial, guidance = _reduced(initial, to_view), None
-    maps = to_view[1] @ carried.maps[rows] @ views[0].to_px
+    initial, guided_prior = _reduced(initial, to_view), None
+    maps = to_view[1] @ warped.maps[rows] @ views[0].to_px
     if config.guided.direction != "off":
-        shapes = shapely.transform(carried.shapes[rows], lambda xy: _apply(to_view[1], xy))
+        shapes = shapely.transform(warped.shapes[rows], lambda xy: _apply(to_view[1], xy))
         asked = guided[0][rows], guided[1][partners]
-        guidance = Guidance(
-            Carried(maps, shapes, carried.own[rows]), (~asked[0], ~asked[1]), asked, config.guided.min_match_overlap
+        guided_prior = GuidedPrior(
+            WarpedPolygons(maps, shapes, warped.own[rows]),
+            (~asked[0], ~asked[1]),
+            asked,
+            config.guided.min_match_overlap,
         )
     images = views[0].image, views[1].image
-    expected = Expected(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
-    placement = place(*images, left.centers, initial, config.global_match, expected)
-    candidates = search_candidates(left, right, placement, config.global_match)
-    return possible_matches(images, (left, right), initial, placement, candidates, config.local_match, guidance)
+    expected = PriorLocations(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
+    locations = place(*images, left.centers, initial, config.global_match, expected)
+    candidates = search_candidates(left, right, locations, config.global_match)
+    return possible_matches(images, (left, right), initial, locations, candidates, config.local_match, guided_prior)
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:

@@ -13,7 +13,7 @@ from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
-from zpm2.polygons.warp import Carried, carry
+from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 
 Array = NDArray[np.float64]
 AROUND = 100  # points nearest to a cell that has fewer of its own
@@ -83,12 +83,14 @@ def uncertainty(initial: InitialGeometry) -> float:
     return float(np.percentile(away, 90)) if np.isfinite(away).all() else float("inf")
 
 
-def carried_over(polygons: PolygonArrays, cells: Sequence[Cell], gamma: int) -> Carried:
+def warped_by_cells(polygons: PolygonArrays, cells: Sequence[Cell], gamma: int) -> WarpedPolygons:
     """All polygons in the other photograph, each by the geometry of its cell."""
     n = len(polygons)
     maps, own = np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, np.int64)
     shapes = np.full(n, shapely.Polygon(), object)
     for cell in cells:
-        part = carry(PolygonArrays([polygons.polygons[row] for row in cell.rows]), *cell.initial.forward(), gamma)
+        part = warp_by_points(
+            PolygonArrays([polygons.polygons[row] for row in cell.rows]), *cell.initial.forward(), gamma
+        )
         maps[cell.rows], shapes[cell.rows], own[cell.rows] = part.maps, part.shapes, part.own
-    return Carried(maps, shapes, own)
+    return WarpedPolygons(maps, shapes, own)

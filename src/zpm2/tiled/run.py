@@ -30,23 +30,23 @@ from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
 from zpm2.guided.regions import no_matches
 from zpm2.local_match.confidence import unsupported
-from zpm2.model import THIN, Image, Mask, PointMatches, Polygon, PolygonArrays, Side, thin
+from zpm2.model import THIN, Image, ImagePolygons, Mask, PointMatches, Polygon, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source, reduced
 from zpm2.photos.values import MIN_SIDE
 from zpm2.pipeline import PairMatcher, explained
 from zpm2.result import MatchResult
-from zpm2.runtime import Clock, Progress
+from zpm2.runtime import Progress, StageTimer
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.segment.protocol import PolygonSource
 from zpm2.tiled import tile as tiles
 from zpm2.tiled import windows
 from zpm2.tiled.blocks import match_blocks
-from zpm2.tiled.cells import carried_over, cells
+from zpm2.tiled.cells import cells, warped_by_cells
 from zpm2.tiled.predict import NOISE, Partner, affine, by_georeference, coherent, framed, partner
 from zpm2.tiled.stitch import Pieces, Stitched, cut_by_window, stitch
-from zpm2.tiled.tile import Kept, Tile, Windows
+from zpm2.tiled.tile import Tile, TileCache, Windows
 from zpm2.tiled.view import View, reduced_size, view
 
 OVERVIEW = 2400  # px, longer side of the pixels that a result keeps
@@ -81,7 +81,7 @@ class Run:
         self.messages = list(said)  # warnings, and notes (`messages`)
         self.tiles = _square_enough(config.tiles, sources)
         quiet = _weights_only(progress)
-        self.clock = Clock(quiet)
+        self.clock = StageTimer(quiet)
         with self.clock("load"):
             segmenters = matcher.segmenters()
         self.given = isinstance(segmenters[0], PolygonSource) and isinstance(segmenters[1], PolygonSource)
@@ -93,7 +93,7 @@ class Run:
             max_memory=memory.UNLIMITED,  # they were asked about before
         )
         self.whole = PairMatcher(tile_config, segmenter=asked, points=points, progress=quiet)
-        once = replace(tile_config, points=replace(tile_config.points, look_again=False))
+        once = replace(tile_config, points=replace(tile_config.points, rotated_retry=False))
         self.tile = PairMatcher(once, segmenter=asked, points=points, progress=quiet)
         far = replace(once, points=replace(once.points, max_size=max(max(s.width, s.height) for s in sources)))
         self.points_only = PairMatcher(far, segmenter=_NoRegions(), points=points, progress=quiet)
@@ -101,7 +101,7 @@ class Run:
         name = "/".join([*(segmenter.name for segmenter in segmenters), *([] if points is None else [points.name])])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = {stage: self.config.to_dict()[stage] for stage in stages}
-        self.kept = Kept(kept, tiles.key(sources, values, name, regions) if kept is not None else "")
+        self.kept = TileCache(kept, tiles.key(sources, values, name, regions) if kept is not None else "")
 
     def result(self) -> MatchResult:
         config = self.config
@@ -114,13 +114,13 @@ class Run:
         with self.clock("match"):
             forth = list(cells(polygons[0], points, side, config))
             back = list(cells(polygons[1], PointMatches(points.right, points.left, points.score), side, config))
-            carried = carried_over(polygons[0], forth, gamma), carried_over(polygons[1], back, gamma)
+            warped = warped_by_cells(polygons[0], forth, gamma), warped_by_cells(polygons[1], back, gamma)
             matches = match_blocks(
                 self.sources,
                 polygons,
                 (stitched[0].guided, stitched[1].guided),
                 forth,
-                carried[0],
+                warped[0],
                 side,
                 config,
                 lambda share: self.progress("match", share),
@@ -131,10 +131,10 @@ class Run:
         with self.clock("explain"):
             overviews = [reduced(source, OVERVIEW) for source in self.sources]
             sides = [
-                Side(source.width, source.height, arrays.polygons, absolute(source.path), image, source.geo)
+                ImagePolygons(source.width, source.height, arrays.polygons, absolute(source.path), image, source.geo)
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
-            sides = list(explained((sides[0], sides[1]), polygons, matches, carried, config.local_match.min_overlap))
+            sides = list(explained((sides[0], sides[1]), polygons, matches, warped, config.local_match.min_overlap))
         if initial.mirrored:
             self.messages.append(MIRRORED)
         if not initial.supported:

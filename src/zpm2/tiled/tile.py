@@ -17,7 +17,7 @@ from zpm2.files.keys import stamp
 from zpm2.files.reading import WRONG, parse_json, unpack_gzip
 from zpm2.files.writing import atomic_write, output_folder
 from zpm2.formats.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
-from zpm2.model import PointMatches, Polygon, Side
+from zpm2.model import ImagePolygons, PointMatches, Polygon
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
 from zpm2.result import MatchResult
@@ -66,7 +66,7 @@ def key(
     return key_of(regions, [_content(source) for source in sources], config, segmenters)
 
 
-class Kept:
+class TileCache:
     """The finished tiles of a run as files `<level>-<number>.json.gz` in a folder of the run's key.
 
     `reused` counts those that an earlier run left.
@@ -118,7 +118,7 @@ def _content(source: Source) -> Any:
 
 def _to_dict(tile: Tile) -> dict[str, Any]:
     sides = [
-        {**side_to_dict(Side(0, 0, polygons)), "window": window}
+        {**side_to_dict(ImagePolygons(0, 0, polygons)), "window": window}
         for polygons, window in zip(tile.polygons, tile.windows, strict=True)
     ]
     return {

@@ -10,7 +10,7 @@ from zpm2.model.polygon import Polygon
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class ImagePolygons:
     """One image of the pair and everything that was found in it, matched or not."""
 
     width: int  # px

@@ -11,7 +11,7 @@ from zpm2.model import PointMatches, PolygonArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class SharedPoints:
     """Points inside pairs of polygons, sparse. Pair k owns `point[start[k] : start[k + 1]]`."""
 
     pairs: Candidates  # every pair that shares a point, p of them
@@ -25,7 +25,7 @@ class Support:
         return np.diff(self.start)
 
 
-def support(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> Support:
+def shared_points(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> SharedPoints:
     """Which points lie in which pair: left end inside the left polygon and right end inside the right one.
 
     Cost is linear in the points and in how deeply polygons are nested.
@@ -44,7 +44,7 @@ def support(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> 
     new[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
     start = np.flatnonzero(new)
     inside = np.bincount(poly_l, minlength=len(left)), np.bincount(poly_r, minlength=len(right))
-    return Support(Candidates(i[start], j[start]), np.append(start, len(i)), point, inside)
+    return SharedPoints(Candidates(i[start], j[start]), np.append(start, len(i)), point, inside)
 
 
 def lookup(values: NDArray[np.int64], known: Candidates, asked: Candidates) -> NDArray[np.int64]:

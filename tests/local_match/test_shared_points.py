@@ -6,7 +6,7 @@ from shapes import arrays, square, star
 
 from zpm2.global_match import Candidates
 from zpm2.local_match import reference
-from zpm2.local_match.support import lookup, support
+from zpm2.local_match.shared_points import lookup, shared_points
 from zpm2.model import PointMatches
 
 
@@ -22,7 +22,7 @@ def test_support_is_the_count_of_points_in_both(seed, n):
     sides = [
         arrays([star(rng, 7, rng.uniform(20, 80, 2), size) for size in (60, 40, 20, 30, 10)]) for _ in range(2)
     ]  # nested and overlapping
-    found = support(points, *sides)
+    found = shared_points(points, *sides)
     counts = {}
     for k, (i, j) in enumerate(zip(found.pairs.left, found.pairs.right, strict=True)):
         counts[i, j] = found.counts[k]
@@ -39,7 +39,7 @@ def test_nested_polygons_and_holes():
     left = arrays(rings, [(square(70, 70, 90, 90),), (), ()])
     right = arrays(rings)
     points = matches([[10, 10], [30, 30], [80, 80], [150, 150]], [[10, 10], [30, 30], [80, 80], [205, 205]])
-    found = support(points, left, right)
+    found = shared_points(points, left, right)
     pairs = list(zip(found.pairs.left.tolist(), found.pairs.right.tolist(), found.counts.tolist(), strict=True))
     assert pairs == [(0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 1)]
     assert found.point.tolist() == [0, 1, 1, 1, 1]
@@ -48,7 +48,11 @@ def test_nested_polygons_and_holes():
 def test_no_points_or_no_polygons():
     some, none = arrays([square(0, 0, 10, 10)]), arrays([])
     inside = matches([[5, 5]], [[5, 5]])
-    for found in (support(PointMatches.empty(), some, some), support(inside, none, some), support(inside, some, none)):
+    for found in (
+        shared_points(PointMatches.empty(), some, some),
+        shared_points(inside, none, some),
+        shared_points(inside, some, none),
+    ):
         assert len(found.pairs) == len(found.counts) == len(found.point) == 0
         assert found.start.tolist() == [0]
 
