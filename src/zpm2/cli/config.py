@@ -1,6 +1,7 @@
 """`zpm2 config`: what can be set, and what a run would use."""
 
 import json
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -41,11 +42,16 @@ def show(
     if as_json:
         print(json.dumps(values, indent=1))
         return
-    stages = {name: value for name, value in values.items() if isinstance(value, dict)}
-    print("\n".join(f"{name} = {json.dumps(value)}" for name, value in values.items() if name not in stages))
-    for stage, fields in stages.items():
-        print(f"\n[{stage}]")
-        print("\n".join(f"{name} = {json.dumps(value)}" for name, value in fields.items()))
+    print("\n".join(_toml(values)))
+
+
+def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
+    """The lines of a table of TOML: its values, then the tables in it."""
+    yield from (f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict))
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield f"\n[{name}{key}]"
+            yield from _toml(value, f"{name}{key}.")
 
 
 def _word(value: Any) -> str:

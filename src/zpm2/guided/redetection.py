@@ -65,7 +65,7 @@ class ViewPair:
 
 @dataclass(frozen=True, eq=False)
 class AcceptedMasks:
-    """Masks that agree with the polygons they were prompted for. `predictions.prompt` are rows of the warped polygons."""
+    """Masks that agree with the polygon they were prompted for; `predictions.prompt` is its row."""
 
     predictions: MaskPredictions
     overlap: Array  # (n,) IoU with the carried polygon, 0..1
