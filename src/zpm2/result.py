@@ -208,8 +208,7 @@ class MatchResult:
 
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
-        stored = self.config.get("raster")
-        return RasterConfig(bands=tuple(stored["bands"])) if isinstance(stored, Mapping) else RasterConfig()
+        return RasterConfig.of_result(self.config)
 
     def _option(self, stage: str, name: str) -> float:
         """A number of the run's configuration; the default for a result that does not hold it."""

@@ -140,8 +140,8 @@ def pose(
     from zpm2.runtime import resolve_device
 
     finder = PoseFinder(config, device=resolve_device(config.device))
-    chosen = config.raster.bands
-    images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
+    raster = config.raster
+    images = read_image(left, "left image", raster), read_image(right, "right image", raster)
     cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
     names = [POSE, *(["rectified"] if rectify else []), *(["colmap"] if colmap else [])]
     inputs = left, right, *(Path(text) for text in (k, k2) if text is not None)

@@ -20,7 +20,7 @@ def reopened(side: ImagePolygons, name: str, config: RasterConfig) -> Iterator[S
         return
     if side.path is None:
         raise InputError(f"the {name} photograph was given as pixels and is not part of the saved result")
-    source = open_source(side.path, f"{name} image", config.bands)
+    source = open_source(side.path, f"{name} image", config)
     try:
         if (source.width, source.height) != (side.width, side.height):
             raise InputError(
