@@ -11,7 +11,7 @@ import shapely
 from rendered import Pair, Run
 
 from zpm2.api import Matcher
-from zpm2.config import assign, preset
+from zpm2.config import RasterConfig, assign, preset
 from zpm2.formats import read_image
 from zpm2.model import Image, Mask
 from zpm2.result import MatchResult
@@ -111,7 +111,7 @@ def test_bands_of_a_whole_pair_too(pair: Pair, photographs: tuple[Path, Path]) -
     own = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
     result = PairMatcher(config, segmenter=own)(*photographs)
     assert result.left.image is not None
-    assert np.array_equal(result.left.image.rgb, read_image(photographs[0], bands=(2, 3, 4)).rgb)
+    assert np.array_equal(result.left.image.rgb, read_image(photographs[0], config=RasterConfig(bands=(2, 3, 4))).rgb)
 
 
 @pytest.mark.parametrize("kind", ["png", "webp", "tif", "array", "picture"])

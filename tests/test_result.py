@@ -384,7 +384,8 @@ def test_notes_come_back(result: MatchResult, tmp_path: Path) -> None:
 def test_a_contact_sheet_names_matches_by_their_ids(result: MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     monkeypatch.setattr(
-        "zpm2.result.contact_sheet", lambda rows, captions: said.extend(captions) or np.zeros((4, 4, 3), np.uint8)
+        "zpm2.view.pictures.contact_sheet",
+        lambda rows, captions: said.extend(captions) or np.zeros((4, 4, 3), np.uint8),
     )
     result.contact_sheet()
     assert said == [f"match {m.id}   (right {m.right})   {m.confidence:.2f}" for m in result.matches]

@@ -54,8 +54,8 @@ class Matcher:
         Raises `InputError` for what cannot be read as a photograph, `OutputError` where `kept` cannot be written.
         Threads and forks are as with `PairMatcher`.
         """
-        raster, limit = self.config.raster, memory.within(self.config.max_memory)
-        with self._whole.turns, limit, opened(left, right, raster.bands, raster.gsd) as sources:
+        limit = memory.within(self.config.max_memory)
+        with self._whole.turns, limit, opened(left, right, self.config.raster) as sources:
             tiles, said = self._by_tiles(sources)
             if not tiles:
                 return match_whole(self._whole, sources, self.config)

@@ -76,8 +76,8 @@ class PairMatcher:
     def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
         config, clock = self.config, StageTimer(self.progress)
         with clock("read"):
-            chosen = config.raster.bands
-            images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
+            raster = config.raster
+            images = read_image(left, "left image", raster), read_image(right, "right image", raster)
         estimate.refuse_whole(config, [(image.width, image.height) for image in images], self._regions.given)
         with clock("load"):
             matcher = self._load_points()

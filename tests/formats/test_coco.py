@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as cocotools
 
-from zpm2.formats.coco import coco, compressed, run_lengths
+from zpm2.formats.coco import coco
+from zpm2.formats.run_lengths import compressed, run_lengths
 from zpm2.model import Counterpart, Image, Mask, Polygon
 from zpm2.polygons.rasterize import rasterize
 from zpm2.polygons.shapes import from_shape

@@ -24,8 +24,8 @@ from zpm2.cloud.surface import Surface
 from zpm2.cloud.workspace import read_views
 from zpm2.errors import MissingDependency
 from zpm2.formats import cameras, colmap
-from zpm2.formats.coco import compressed
 from zpm2.formats.maps import read_disparity, read_map
+from zpm2.formats.run_lengths import compressed
 from zpm2.model import Image
 from zpm2.photos import gdal
 from zpm2.photos.images import read_image

@@ -12,6 +12,7 @@ import PIL.PngImagePlugin
 import pytest
 
 from zpm2 import memory
+from zpm2.config import RasterConfig
 from zpm2.errors import InputError
 from zpm2.files.reading import read_bytes
 from zpm2.formats import read_image
@@ -24,6 +25,8 @@ from zpm2.segment.given.labels import open_labels
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 SIDE = 3000
+
+LARGE = RasterConfig(large_px=1_000_000)
 
 
 def blank(path: Path, mode: str = "RGB", **options: Any) -> Path:
@@ -87,20 +90,16 @@ def test_photographs_are_refused_unread(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["webp", "jpg"])
-def test_large_ones_that_have_no_parts_are_not_read_by_windows(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("zpm2.photos.source.LARGE", 1_000_000)
+def test_large_ones_that_have_no_parts_are_not_read_by_windows(kind: str, tmp_path: Path) -> None:
     path = blank(tmp_path / f"a.{kind}", **({"progressive": True} if kind == "jpg" else {}))
     with memory.within("20MB"), pytest.raises(InputError, match=r"needs about 27\.0 MB of memory"):
-        open_source(path)
+        open_source(path, config=LARGE)
 
 
-def test_large_ones_that_have_parts_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zpm2.photos.source.LARGE", 1_000_000)
+def test_large_ones_that_have_parts_are(tmp_path: Path) -> None:
     for path in (blank(tmp_path / "a.png"), blank(tmp_path / "a.jpg"), BOMBS["tif"](tmp_path)):
         with memory.within("20MB"):
-            assert open_source(path).read((0, 0, 64, 64)).width == 64
+            assert open_source(path, config=LARGE).read((0, 0, 64, 64)).width == 64
 
 
 def test_labels_and_maps_are_refused_unread(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from zpm2.config import RasterConfig
 from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.formats import read_image
 from zpm2.photos import source
@@ -56,10 +57,10 @@ def likeness(image, bands, where=None):
     return np.corrcoef(image.rgb[where].ravel(), np.moveaxis(true, 0, -1)[where].ravel())[0, 1]
 
 
-def agree(path, **options):
+def agree(path, bands=()):
     """What the whole file gives, which all other ways to read it must give too."""
-    image = read_image(path, **options)
-    with open_raster(path, **options) as opened:
+    image = read_image(path, config=RasterConfig(bands=bands))
+    with open_raster(path, bands=bands) as opened:
         again, part = opened.read(), opened.read((10, 5, 90, 60))
         assert opened.notes == tuple(note for note in image.notes if "no pixel was fully transparent" not in note)
     valid = np.ones(image.rgb.shape[:2], bool) if image.valid is None else image.valid
@@ -84,7 +85,8 @@ def test_any_number_of_bands_of_any_type(tmp_path, dtype, compress):
         assert likeness(image, bands) > 0.999
         assert image.valid is None
         assert image_size(path) == (96, 72)
-        assert np.array_equal(agree(path, bands=(bands,)).rgb[..., 0], read_image(path, bands=[bands]).rgb[..., 2])
+        only = RasterConfig(bands=(bands,))
+        assert np.array_equal(agree(path, (bands,)).rgb[..., 0], read_image(path, config=only).rgb[..., 2])
 
 
 NODATA = {
@@ -336,9 +338,9 @@ def test_what_only_pillow_knows_is_read(tmp_path, format):
 def test_bands_of_what_gdal_does_not_know_are_refused(tmp_path):
     PIL.Image.fromarray(np.moveaxis(SCENE[:3], 0, -1).astype(np.uint8)).save(tmp_path / "a.ico")
     with pytest.raises(InputError, match="bands are chosen from rasters"):
-        read_image(tmp_path / "a.ico", bands=(1,))
+        read_image(tmp_path / "a.ico", config=RasterConfig(bands=(1,)))
     with pytest.raises(ConfigError, match="2 bands"):
-        read_image(write(tmp_path / "a.tif", scene("uint16", 2)), bands=(3,))
+        read_image(write(tmp_path / "a.tif", scene("uint16", 2)), config=RasterConfig(bands=(3,)))
 
 
 @pytest.mark.parametrize("dtype", ["int8", "uint8", "uint16", "int32", "uint32", "float32"])

@@ -2,6 +2,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from zpm2.config import RasterConfig
 from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.model import Image
 from zpm2.photos import source
@@ -129,33 +130,31 @@ def test_a_georeferenced_file_is_read_by_windows(tmp_path):
     own.close()
 
 
-def test_a_large_file_is_read_by_windows(tmp_path, monkeypatch):
+def test_a_large_file_is_read_by_windows(tmp_path):
     pytest.importorskip("rasterio")
     path = png(tmp_path / "a.png")
-    monkeypatch.setattr(source, "LARGE", 160 * 120 - 1)
-    found = open_source(path)
+    found = open_source(path, config=RasterConfig(large_px=160 * 120 - 1))
     assert isinstance(found, Raster)
     assert np.array_equal(found.read().rgb, PIXELS)
     found.close()
-    monkeypatch.setattr(source, "LARGE", 160 * 120)
-    assert isinstance(open_source(path), InMemoryPhoto)
+    assert isinstance(open_source(path, config=RasterConfig(large_px=160 * 120)), InMemoryPhoto)
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_chosen_bands(tmp_path):
     path = tif(tmp_path / "a.tif", np.dstack([PIXELS, 255 - PIXELS[..., :1]]), placed=False)
-    found = open_source(path, bands=(4, 2, 1))
+    found = open_source(path, config=RasterConfig(bands=(4, 2, 1)))
     assert isinstance(found, Raster)
     assert np.array_equal(found.read().rgb, np.dstack([255 - PIXELS[..., 0], PIXELS[..., 1], PIXELS[..., 0]]))
     found.close()
     with pytest.raises(ConfigError, match="4 bands"):
-        open_source(path, bands=(5,))
+        open_source(path, config=RasterConfig(bands=(5,)))
 
 
 def test_bands_of_pixels_are_refused():
     for given in (PIXELS, Image(PIXELS), PIL.Image.fromarray(PIXELS)):
         with pytest.raises(InputError, match=r"left image.*bands"):
-            open_source(given, "left image", (1, 2, 3))
+            open_source(given, "left image", RasterConfig(bands=(1, 2, 3)))
 
 
 # --- what cannot be read
@@ -173,7 +172,7 @@ def test_a_file_that_is_no_photograph(tmp_path, name):
     with pytest.raises(InputError, match=f"left image.*{name}"):
         open_source(tmp_path / name, "left image")
     with pytest.raises(InputError, match=f"left image.*{name}"):
-        open_source(tmp_path / name, "left image", bands=(1,))
+        open_source(tmp_path / name, "left image", config=RasterConfig(bands=(1,)))
 
 
 def test_pixels_that_are_no_photograph():
@@ -192,21 +191,19 @@ def test_without_rasterio_files_are_held(tmp_path):
 
 
 @pytest.mark.usefixtures("without_rasterio")
-def test_without_rasterio_a_georeference_is_lost_and_a_note_says_so(tmp_path, monkeypatch):
+def test_without_rasterio_a_georeference_is_lost_and_a_note_says_so(tmp_path):
     path = tif(tmp_path / "a.tif", photometric="RGB")
     found = open_source(path)
     assert isinstance(found, InMemoryPhoto)
     assert not found.placed
     assert [note for note in found.notes if "georeference" in note and "zpm2[geo]" in note]
     assert np.array_equal(found.read().rgb, PIXELS)
-    monkeypatch.setattr(source, "LARGE", 1000)
-    assert len(open_source(path).notes) == len(found.notes) + 1
+    assert len(open_source(path, config=RasterConfig(large_px=1000)).notes) == len(found.notes) + 1
 
 
 @pytest.mark.usefixtures("without_rasterio")
-def test_without_rasterio_a_large_file_is_in_memory_and_a_note_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(source, "LARGE", 1000)
-    found = open_source(png(tmp_path / "a.png"))
+def test_without_rasterio_a_large_file_is_in_memory_and_a_note_says_so(tmp_path):
+    found = open_source(png(tmp_path / "a.png"), config=RasterConfig(large_px=1000))
     assert isinstance(found, InMemoryPhoto)
     assert [note for note in found.notes if "memory" in note and "zpm2[geo]" in note]
 
@@ -214,7 +211,7 @@ def test_without_rasterio_a_large_file_is_in_memory_and_a_note_says_so(tmp_path,
 @pytest.mark.usefixtures("without_rasterio")
 def test_without_rasterio_bands_cannot_be_chosen(tmp_path):
     with pytest.raises(MissingDependency):
-        open_source(png(tmp_path / "a.png"), bands=(1,))
+        open_source(png(tmp_path / "a.png"), config=RasterConfig(bands=(1,)))
 
 
 # --- pairs
@@ -224,13 +221,13 @@ def test_a_pair_is_closed_at_the_end(tmp_path, monkeypatch):
     path = tif(tmp_path / "a.tif", photometric="RGB")
     closed = []
     monkeypatch.setattr(Raster, "close", lambda self: closed.append(self.path))
-    with opened(path, PIXELS, gsd=(0.3, 0.7)) as (left, right):
+    with opened(path, PIXELS, RasterConfig(gsd=(0.3, 0.7))) as (left, right):
         assert isinstance(left, Raster)
         assert isinstance(right, InMemoryPhoto)
         assert (left.geo.gsd, right.geo.gsd) == (0.3, 0.7)
         assert closed == []
     assert closed == [str(path)]
-    with opened(PIXELS, PIXELS, gsd=(0.3,)) as (left, right):
+    with opened(PIXELS, PIXELS, RasterConfig(gsd=(0.3,))) as (left, right):
         assert (left.geo.gsd, right.geo.gsd) == (0.3, 0.3)
     with opened(PIXELS, PIXELS) as (left, right):
         assert (left.geo.gsd, right.geo.gsd) == (None, None)

@@ -81,8 +81,8 @@ class BaselineMatcher:
         A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, puts matches of one
         method in order and is no chance of being right: shape alone does not say.
         """
-        raster, limit = self.config.raster, memory.within(self.config.max_memory)
-        with self._regions.turns, limit, opened(left, right, raster.bands, raster.gsd) as sources:
+        limit = memory.within(self.config.max_memory)
+        with self._regions.turns, limit, opened(left, right, self.config.raster) as sources:
             sizes = [(source.width, source.height) for source in sources]
             estimate.refuse_whole(self.config, sizes, self._regions.given)
             result = match_whole(self._match, sources, self.config)

@@ -145,7 +145,7 @@ def match_command(
         list[str] | None,
         typer.Option(
             "--format",
-            help="More files: gpkg, shapefile, coco. Repeatable.",
+            help="More files: gpkg, shapefile, coco, ... (a wrong name lists all). Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),
@@ -233,7 +233,8 @@ def match_command(
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
     from zpm2.files.record import TILES, discard
-    from zpm2.result import file_names
+    from zpm2.formats import registry
+    from zpm2.formats.saving import file_names
 
     options = {
         "segmenter": None if segmenter == "precomputed" else segmenter,
@@ -248,7 +249,8 @@ def match_command(
         "max_memory": max_memory,
     }
     config = configure(preset, config_file, settings, options)
-    formats = _formats(formats)
+    formats = formats or []
+    registry.chosen(formats)  # checked before the work begins
     own = own_regions(segmenter, left_regions, right_regions, config)
     use_weights(weights_dir)
     allow_vrt(allowed)
@@ -285,7 +287,7 @@ def demo(
     from zpm2.api import Matcher
     from zpm2.evaluate.rendered import render_scene, score
     from zpm2.files.writing import atomic_write
-    from zpm2.result import file_names
+    from zpm2.formats.saving import file_names
 
     config = configure(preset, None, settings, {"device": device, "seed": seed, "max_memory": max_memory})
     use_weights(weights_dir)
@@ -324,19 +326,6 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
         print(section)
         for name, value in values.items():
             print(f"  {name:<24} {value}")
-
-
-def _formats(names: list[str] | None) -> list[str]:
-    """The file formats asked for, checked before the work begins."""
-    from zpm2.formats.gis import require_pyogrio
-    from zpm2.result import FORMATS
-
-    for name in names or []:
-        if name not in FORMATS:
-            raise ConfigError(f"unknown format '{name}'; formats are: {', '.join(FORMATS)}")
-        if name != "coco":
-            require_pyogrio()
-    return names or []
 
 
 def _report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:

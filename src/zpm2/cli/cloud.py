@@ -248,8 +248,8 @@ def _stereo(
     from zpm2.stereo import dense
     from zpm2.stereo.camera_check import doubts
 
-    chosen = matcher.config.raster.bands
-    left, right = (read_image(p, f"{n} image", chosen) for p, n in zip(photographs, ("left", "right"), strict=True))
+    raster = matcher.config.raster
+    left, right = (read_image(p, f"{n} image", raster) for p, n in zip(photographs, ("left", "right"), strict=True))
     odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
     given = read_disparity(disparity, (left.width, left.height), *scaling) if disparity is not None else None
     names = photographs[0].name, photographs[1].name

@@ -95,9 +95,9 @@ def settings_of(incomplete: str) -> list[str]:
 
 def known_formats() -> Iterable[str]:
     """The file formats that can be asked for."""
-    from zpm2.result import FORMATS
+    from zpm2.formats import registry
 
-    return FORMATS
+    return registry.names()
 
 
 def point_methods() -> Iterable[str]:
@@ -225,7 +225,8 @@ def given_matches(folder: Path, photographs: Sequence[Path], images: "Sequence[I
     """
     from zpm2.files.listing import json_file
     from zpm2.files.places import exchanged, is_content
-    from zpm2.result import SIDES, MatchResult
+    from zpm2.model import SIDES
+    from zpm2.result import MatchResult
 
     matched = MatchResult.load(folder)
     document = json_file(folder / "matches.json" if os.path.isdir(folder) else folder)

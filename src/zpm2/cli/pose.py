@@ -133,15 +133,15 @@ def pose(
     allow_vrt(allowed)
 
     from zpm2.api import Matcher
+    from zpm2.formats.saving import file_names
     from zpm2.photos.images import read_image
     from zpm2.pose import PoseFinder
     from zpm2.pose.result import NAME as POSE
-    from zpm2.result import file_names
     from zpm2.runtime import resolve_device
 
     finder = PoseFinder(config, device=resolve_device(config.device))
-    chosen = config.raster.bands
-    images = read_image(left, "left image", chosen), read_image(right, "right image", chosen)
+    raster = config.raster
+    images = read_image(left, "left image", raster), read_image(right, "right image", raster)
     cameras = _cameras((k, k2), (left, right), [(i.width, i.height) for i in images], CENTERS[centers])
     names = [POSE, *(["rectified"] if rectify else []), *(["colmap"] if colmap else [])]
     inputs = left, right, *(Path(text) for text in (k, k2) if text is not None)
@@ -200,9 +200,8 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     from zpm2.files.record import made_folder
     from zpm2.files.writing import atomic_write
     from zpm2.formats import geojson
-    from zpm2.model import counterparts
+    from zpm2.model import SIDES, counterparts
     from zpm2.pose import rectify
-    from zpm2.result import SIDES
 
     pair = rectify(found, images, matched.matched_polygons())
     if isinstance(pair, Failed):

@@ -1,7 +1,7 @@
 """The polygon cloud as files that other programs open: PLY, GLB, GeoJSON, WKT, coloured points."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.result import CloudPatch, PolygonCloud
 from zpm2.cloud.surface import Surface, require_trimesh
+from zpm2.config import RasterConfig
 from zpm2.errors import MissingDependency
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
@@ -106,8 +107,7 @@ def _points_ply(points: Array, rgb: Colors, patch: Indices) -> bytes:
 
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
     """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
-    generator, raster = np.random.default_rng(0), cloud.config.get("raster")
-    bands = raster["bands"] if isinstance(raster, Mapping) else ()  # those that were matched
+    generator, raster = np.random.default_rng(0), RasterConfig.of_result(cloud.config)  # the bands that were matched
     parts: dict[int, list[CloudPatch]] = {}
     for polygon in cloud.patches:
         if polygon.parent is not None:
@@ -115,7 +115,7 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
     points, rgb, ids = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)], [np.zeros(0, np.int64)]
     for view in sorted({p.view for p in cloud.patches}):
         camera = cloud.views[view].camera
-        image = read_image(cloud.views[view].path, bands=bands)
+        image = read_image(cloud.views[view].path, config=raster)
         for polygon in (p for p in cloud.patches if p.view == view):
             patch = polygon.patch
             number = max(1, round(patch.area / spacing**2))

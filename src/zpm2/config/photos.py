@@ -1,5 +1,7 @@
 """Photographs that are large, georeferenced, or of many bands."""
 
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,13 +32,27 @@ class RasterConfig:
     min_area_m2: float = number(
         0.0, "on the ground; smaller polygons are left out, `segment.min_area` counts too", unit="m^2"
     )
+    large_px: int = number(
+        16_000_000,
+        "pixels; a photograph with more is read by windows, and matched in tiles where `tiles.mode` is auto",
+        source="chosen by the memory that whole photographs take, docs/large-format.md",
+    )
+
+    @staticmethod
+    def of_result(config: Mapping[str, Any]) -> "RasterConfig":
+        """How the photographs of a saved result were read, by its configuration; the defaults where it lacks this."""
+        stored = config.get("raster")
+        values = stored if isinstance(stored, Mapping) else {}
+        names = {field.name for field in dataclasses.fields(RasterConfig)} & values.keys()
+        known: Any = {name: tuple(values[name]) if isinstance(values[name], list) else values[name] for name in names}
+        return RasterConfig(**known)
 
 
 @dataclass(frozen=True)
 class TilesConfig:
     """Large photographs, seen in overlapping tiles of several scales."""
 
-    mode: Literal["off", "on", "auto"] = option("off", "auto: where one has more than 16 megapixels, or is thin")
+    mode: Literal["off", "on", "auto"] = option("off", "auto: where one has more than `raster.large_px`, or is thin")
     size: int = number(
         2048,
         "side of the finest tiles; each level above has tiles three times as wide",

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency
 from zpm2.formats import geojson
-from zpm2.model import Counterpart, Georeference, Polygon
+from zpm2.formats.registry import PairResult
+from zpm2.model import SIDES, Counterpart, Georeference, Polygon, counterparts
 from zpm2.photos.geolocation import world_of
 
 Array = NDArray[np.float64]
@@ -52,6 +53,15 @@ class Layer:
             return crs, to_world(vertices)
         degrees = _without_jumps(to_world(vertices), ring_of, first_ring)
         return (crs, degrees) if np.isfinite(degrees).all() else (None, vertices)
+
+
+def layers_of(result: PairResult) -> tuple[Layer, Layer]:
+    """The left and the right side of a result."""
+    left, right = (
+        Layer(name, side.polygons, side.geo, counterparts(result.matches, name), side.unmatched)
+        for name, side in zip(SIDES, (result.left, result.right), strict=True)
+    )
+    return left, right
 
 
 def world_shapes(layer: Layer) -> NDArray[np.object_]:

@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.model import Mask, Polygon
+from zpm2.model import ImagePolygons, Mask, Polygon, PolygonMatch
 from zpm2.polygons.rasterize import rasterize
 from zpm2.polygons.shapes import reshaped
 from zpm2.polygons.trace import pieces, trace
@@ -31,6 +31,46 @@ MOSTLY = 0.5  # share of a polygon's pixels in a larger one, beyond which it is 
 MIN_OVERLAP = 0.5  # IoU of the two pieces of a match, one carried to the other, with which they correspond for sure
 MIN_KEPT = 0.8  # share of its polygons' own IoU with which the pieces of a match that had less at first correspond
 PIECES = 200  # of one polygon that are looked at, the largest ones
+
+
+def without_overlaps(
+    left: ImagePolygons,
+    right: ImagePolygons,
+    matches: Sequence[PolygonMatch],
+    pairs: Sequence[tuple[Polygon, Polygon]],
+    maps: Array,
+    min_area: float,
+) -> tuple[ImagePolygons, ImagePolygons, list[PolygonMatch]]:
+    """Both images of a pair and its matches, without pixels that two matches share.
+
+    `pairs` are the polygons of each match; for the rest see `exclusive`. The polygons of matches that go stay as they
+    were, and have "rejected" as the reason why they have no partner. Homologous vertices and outlines were those of
+    the old exteriors, and are left out.
+    """
+    confidence = np.array([match.confidence for match in matches], np.float64)
+    sizes = (left.width, left.height), (right.width, right.height)
+    kept = exclusive(pairs, confidence, maps, sizes, min_area)
+    lost = [match for match, pair in zip(matches, kept, strict=True) if pair is None]
+    found = [pair for pair in kept if pair is not None]
+    return (
+        _updated(left, [polygon for polygon, _ in found], [match.left for match in lost]),
+        _updated(right, [polygon for _, polygon in found], [match.right for match in lost]),
+        [
+            dataclasses.replace(match, nodes=np.zeros((0, 2), np.int64), outline=np.zeros((0, 5)))
+            for match, pair in zip(matches, kept, strict=True)
+            if pair is not None
+        ],
+    )
+
+
+def _updated(side: ImagePolygons, polygons: Sequence[Polygon], lost: Sequence[int]) -> ImagePolygons:
+    """The side with `polygons` in the place of those that have their ids, and without a partner for the ids `lost`."""
+    new = {polygon.id: polygon for polygon in polygons}
+    return dataclasses.replace(
+        side,
+        polygons=[new.get(polygon.id, polygon) for polygon in side.polygons],
+        unmatched={**side.unmatched, **dict.fromkeys(lost, "rejected")},
+    )
 
 
 def exclusive(

@@ -7,13 +7,16 @@ an outline, its distance to the epipolar line of the other. Where one outline ha
 the other waits; such places are known by their residual. In the end each pair settles between the samples.
 """
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from zpm2 import geometry
+from zpm2.errors import Failed, InputError
+from zpm2.model import Polygon, PolygonMatch
 
 Array = NDArray[np.float64]
 MIN_SAMPLES, MAX_SAMPLES = 12, 1500  # of an outline
@@ -22,6 +25,26 @@ DIRECTION = 4.0  # px that a pair costs where the outlines are at right angles
 CHORD = 2  # samples ahead and behind, between which the direction of an outline is taken
 WINDOW = 5  # pairs ahead and behind that must fit where an alignment starts
 STARTS = 3  # that are tried at most
+
+
+def with_outlines(
+    matches: Sequence[PolygonMatch],
+    pairs: Sequence[tuple[Polygon, Polygon]],
+    maps: Array,
+    fundamental: Array | Failed,
+    step: float,
+) -> list[PolygonMatch]:
+    """The matches with their `outline`. `pairs` are the polygons and `maps` (n, 3, 3) the maps of n matches.
+
+    `InputError` for a step (px) that is not above 0.
+    """
+    if not step > 0:
+        raise InputError(f"outlines are sampled every {step} px: give a step above 0")
+    known = None if isinstance(fundamental, Failed) else fundamental
+    return [
+        dataclasses.replace(match, outline=outline_correspondence(left.exterior, right.exterior, matrix, step, known))
+        for match, (left, right), matrix in zip(matches, pairs, maps, strict=True)
+    ]
 
 
 def outline_correspondence(

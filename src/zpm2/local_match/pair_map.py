@@ -1,18 +1,31 @@
 """A map of each matched pair's own: where a point of its left polygon should be in the right image."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.errors import Failed
+from zpm2.errors import Failed, InputError
 from zpm2.global_match import Candidates
 from zpm2.local_match.shared_points import lookup, shared_points
-from zpm2.model import PointMatches, PolygonArrays
+from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import overlaps
 from zpm2.polygons.transform import transformed
 
 Array = NDArray[np.float64]
+
+
+def matched_pairs(
+    left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch]
+) -> list[tuple[Polygon, Polygon]]:
+    """The left and the right polygon of each match. `InputError` where a match names one that is not there."""
+    lefts, rights = ({polygon.id: polygon for polygon in side.polygons} for side in (left, right))
+    for match in matches:
+        if match.left not in lefts or match.right not in rights:
+            raise InputError(f"match {match.left} - {match.right} names a polygon that the result does not have")
+    return [(lefts[match.left], rights[match.right]) for match in matches]
 
 
 def pair_maps(

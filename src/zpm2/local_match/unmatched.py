@@ -1,13 +1,14 @@
 """Why a polygon has no partner: what users ask first when two epochs or two views are compared."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.model import PolygonArrays
+from zpm2.model import ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.overlap import overlaps
 from zpm2.polygons.warp import WarpedPolygons
 
@@ -111,3 +112,31 @@ def _parts(sorted_rows: NDArray[np.int64]) -> Sequence[NDArray[np.intp]]:
     if len(sorted_rows) == 0:
         return []
     return np.split(np.arange(len(sorted_rows)), np.flatnonzero(np.diff(sorted_rows)) + 1)
+
+
+def without_smaller(
+    left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch], min_areas: tuple[float, float]
+) -> tuple[ImagePolygons, ImagePolygons, list[PolygonMatch]]:
+    """Both images and the matches without polygons under `min_areas` px^2 (left, right) and their matches.
+
+    Their partners stay, with "no candidate" as the reason why they have none.
+    """
+    kept = [
+        [polygon for polygon in side.polygons if polygon.area >= min_area]
+        for side, min_area in zip((left, right), min_areas, strict=True)
+    ]
+    ids = [{polygon.id for polygon in polygons} for polygons in kept]
+    return (
+        _only(left, kept[0], [m.left for m in matches if m.right not in ids[1]]),
+        _only(right, kept[1], [m.right for m in matches if m.left not in ids[0]]),
+        [match for match in matches if match.left in ids[0] and match.right in ids[1]],
+    )
+
+
+def _only(side: ImagePolygons, polygons: Sequence[Polygon], widowed: Sequence[int]) -> ImagePolygons:
+    """The side with no other polygons than these; a parent that is not among them is none. The partners of the ids
+    `widowed` are gone."""
+    ids = {polygon.id for polygon in polygons}
+    adopted = [p if p.parent is None or p.parent in ids else replace(p, parent=None) for p in polygons]
+    why: Mapping[int, str] = {**side.unmatched, **dict.fromkeys(widowed, "no candidate")}
+    return replace(side, polygons=adopted, unmatched={id: reason for id, reason in why.items() if id in ids})

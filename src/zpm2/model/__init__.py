@@ -3,13 +3,14 @@
 from zpm2.model.camera import Camera, PosedCamera
 from zpm2.model.georeference import Georeference
 from zpm2.model.image import THIN, Image, thin
-from zpm2.model.image_polygons import ImagePolygons
+from zpm2.model.image_polygons import SIDES, ImagePolygons, SideName
 from zpm2.model.mask import Mask
 from zpm2.model.match import Counterpart, PolygonMatch, Stage, counterparts
 from zpm2.model.points import PointMatches
 from zpm2.model.polygon import Polygon, PolygonArrays
 
 __all__ = [
+    "SIDES",
     "THIN",
     "Camera",
     "Counterpart",
@@ -22,6 +23,7 @@ __all__ = [
     "PolygonArrays",
     "PolygonMatch",
     "PosedCamera",
+    "SideName",
     "Stage",
     "counterparts",
     "thin",

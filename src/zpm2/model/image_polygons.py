@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from zpm2.model.brief import brief
 from zpm2.model.georeference import Georeference
 from zpm2.model.image import Image
 from zpm2.model.polygon import Polygon
+
+SideName = Literal["left", "right"]
+SIDES: tuple[SideName, SideName] = ("left", "right")  # the images of a pair
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.model.brief import brief
+from zpm2.model.image_polygons import SideName
 
 Stage = Literal["global", "local", "guided"]
 
@@ -46,7 +47,7 @@ class Counterpart:
     confidence: float  # 0..1
 
 
-def counterparts(matches: Iterable[PolygonMatch], side: Literal["left", "right"]) -> dict[int, Counterpart]:
+def counterparts(matches: Iterable[PolygonMatch], side: SideName) -> dict[int, Counterpart]:
     """By the id of each matched polygon of one side."""
     other = "right" if side == "left" else "left"
     return {getattr(m, side): Counterpart(m.id, getattr(m, other), m.confidence) for m in matches}

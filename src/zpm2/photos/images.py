@@ -1,22 +1,22 @@
 """Photographs in: a path, an array or a PIL picture becomes a `model.Image`, or one line says why it cannot."""
 
-from collections.abc import Sequence
 from contextlib import closing
 
+from zpm2.config import RasterConfig
 from zpm2.model import Image
 from zpm2.photos import values
-from zpm2.photos.source import ImageLike, Source, open_source
+from zpm2.photos.source import DEFAULTS, ImageLike, Source, open_source
 from zpm2.photos.values import MAX_PIXELS
 
 
-def read_image(source: ImageLike, name: str = "image", bands: Sequence[int] = ()) -> Image:
+def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DEFAULTS) -> Image:
     """8-bit RGB pixels of a photograph in its stored pixel frame, where it holds data, and a note for everything that
     was done to the pixels.
 
     source: a path; an array (h, w), (h, w, 1), (h, w, 3) or (h, w, 4) of bool, integers or floats, channels in RGB(A)
         order; a PIL picture of any mode; or an `Image`, which is taken as it is. name: what error messages call it,
-        for example "left image". bands: of a file, from 1: one for grey or three for red, green, blue; default: those
-        that the file marks so, else the first one of at most two, else the first three.
+        for example "left image". config: its `bands` are those of a file, from 1: one for grey or three for red, green,
+        blue; default: those that the file marks so, else the first one of at most two, else the first three.
 
     Files are read by the library that `open_source` chooses. Grey becomes RGB, other colour models are converted.
     Floats within 0..1 are scaled by 255; floats and wide integers within 0..255 are taken as they are; all other
@@ -34,7 +34,7 @@ def read_image(source: ImageLike, name: str = "image", bands: Sequence[int] = ()
     if isinstance(source, Image):
         values.check(source.rgb, name)
         return source
-    with closing(open_source(source, name, bands)) as opened:
+    with closing(open_source(source, name, config)) as opened:
         return whole(opened, name)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
+from zpm2.config import RasterConfig
 from zpm2.errors import InputError, MissingDependency
 from zpm2.model import Georeference, Image
 from zpm2.photos import pictures, values
@@ -18,7 +19,7 @@ from zpm2.photos.raster import Window, open_raster
 
 Array = NDArray[np.float64]
 ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
-LARGE = 16_000_000  # px, beyond which a file is read by windows
+DEFAULTS = RasterConfig()
 _GEO_TAGS = {33550, 33922, 34264, 34735}  # of a TIFF: scale, tie points, transform, keys
 
 
@@ -108,31 +109,33 @@ class InMemoryPhoto:
         """Nothing to do."""
 
 
-def open_source(source: ImageLike, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Source:
+def open_source(
+    source: ImageLike, name: str = "image", config: RasterConfig = DEFAULTS, gsd: float | None = None
+) -> Source:
     """A photograph as a `Source`. This is where the library that reads a file is chosen.
 
-    A file is read by windows, through rasterio, where it is georeferenced, where `bands` are chosen, and where it has
-    more than 16 megapixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what GDAL does not
-    know, and everything where rasterio is missing, which is noted where it matters; by rasterio all other files. The
-    rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before the file's
-    own. Errors are those of `read_image` and `open_raster`.
+    A file is read by windows, through rasterio, where it is georeferenced, where `config.bands` are chosen, and where
+    it has more than `config.large_px` pixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what
+    GDAL does not know, and everything where rasterio is missing, with a note where that matters; by rasterio all other
+    files. The rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before
+    the file's own. Errors are those of `read_image` and `open_raster`.
     """
     if isinstance(source, str | Path):
-        return _open_file(Path(source), name, bands, gsd)
-    if bands:
+        return _open_file(Path(source), name, config, gsd)
+    if config.bands:
         raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
     return InMemoryPhoto(_from_memory(source, name), (), gsd)
 
 
-def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -> Source:
-    what = f"{name} {path}"
+def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -> Source:
+    what, bands = f"{name} {path}", config.bands
     try:
         raster = open_raster(path, name, bands, gsd)
     except MissingDependency:
         if bands:
             raise
         try:
-            return InMemoryPhoto(pictures.read_file(path, what), _missed(path), gsd)
+            return InMemoryPhoto(pictures.read_file(path, what), _missed(path, config), gsd)
         except pictures.UnknownFormat as error:
             raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
     except Unopened as error:
@@ -143,7 +146,7 @@ def _open_file(path: Path, name: str, bands: Sequence[int], gsd: float | None) -
         if bands:
             raise InputError(f"{what}: bands are chosen from rasters that GDAL reads, it does not know this") from error
         return InMemoryPhoto(image, (), gsd)
-    large = raster.width * raster.height > LARGE
+    large = raster.width * raster.height > config.large_px
     if raster.placed or raster.geo.transform is not None or bands or large:
         return raster
     with raster:
@@ -164,15 +167,13 @@ def _from_memory(source: Any, name: str) -> Image:
 
 
 @contextlib.contextmanager
-def opened(
-    left: ImageLike, right: ImageLike, bands: Sequence[int] = (), gsd: Sequence[float] = ()
-) -> Iterator[tuple[Source, Source]]:
-    """Both photographs of a pair, closed at the end. `gsd`: none, one for both, or two."""
-    sides = [gsd[0], gsd[-1]] if gsd else [None, None]
+def opened(left: ImageLike, right: ImageLike, config: RasterConfig = DEFAULTS) -> Iterator[tuple[Source, Source]]:
+    """Both photographs of a pair, closed at the end."""
+    sides = [config.gsd[0], config.gsd[-1]] if config.gsd else [None, None]
     with contextlib.ExitStack() as stack:
         found = []
         for source, name, each in ((left, "left image", sides[0]), (right, "right image", sides[1])):
-            found.append(open_source(source, name, bands, each))
+            found.append(open_source(source, name, config, each))
             stack.callback(found[-1].close)
         yield found[0], found[1]
 
@@ -183,12 +184,12 @@ def reduced(source: Source, longest: int) -> Image:
     return source.read(None, (max(1, round(source.width * factor)), max(1, round(source.height * factor))))
 
 
-def _missed(path: Path) -> list[str]:
+def _missed(path: Path, config: RasterConfig) -> list[str]:
     """What is lost where rasterio is missing."""
     notes = []
     with contextlib.suppress(*pictures.DAMAGE), pictures.looked_at(path) as picture:
         if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):
             notes.append('Its georeference was not read: pip install "zpm2[geo]".')
-        if picture.width * picture.height > LARGE:
+        if picture.width * picture.height > config.large_px:
             notes.append('It is held in memory as a whole; by windows with: pip install "zpm2[geo]".')
     return notes

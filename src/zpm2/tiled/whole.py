@@ -12,13 +12,11 @@ from zpm2.photos.source import Source
 from zpm2.result import MatchResult
 from zpm2.tiled.run import SIDES
 
-LARGE = 16_000_000  # px, a photograph beyond which `tiles.mode` auto chooses tiles, as it does for thin ones
-
 
 def in_tiles(sources: Sequence[Source], config: Config) -> bool:
     """Whether a pair is matched in tiles."""
     mode = config.tiles.mode
-    large = any(s.width * s.height > LARGE or thin(s.width, s.height) for s in sources)
+    large = any(s.width * s.height > config.raster.large_px or thin(s.width, s.height) for s in sources)
     return mode == "on" or (mode == "auto" and large)
 
 

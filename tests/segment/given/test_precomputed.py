@@ -11,11 +11,11 @@ from hypothesis.extra.numpy import arrays
 from zpm2.config import VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
+from zpm2.formats.run_lengths import decompressed
 from zpm2.model import Image, Mask
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import vectorize
 from zpm2.segment.given.annotations import decode
-from zpm2.segment.given.annotations import run_lengths as uncompressed
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.segment.protocol import PolygonSource
 
@@ -160,7 +160,7 @@ def test_compressed_run_lengths_are_those_of_pycocotools(bits, thickness):
     bits[:, 5 : 5 + thickness] = True
     packed = rle.encode(np.asfortranarray(bits.astype(np.uint8)))
     packed["counts"] = packed["counts"].decode()
-    assert uncompressed(packed["counts"], "x") == run_lengths(bits)["counts"]
+    assert decompressed(packed["counts"]) == run_lengths(bits)["counts"]
     assert np.array_equal(decode(packed, "x", IMAGE), bits)
 
 

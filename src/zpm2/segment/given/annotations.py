@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.formats import coco, geojson
+from zpm2.formats import coco, geojson, run_lengths
 from zpm2.formats.properties import apart, plain
 from zpm2.model import Image, Mask
 from zpm2.segment.given.region import Reader, Reading, Region, check_size, counted, other_photograph
@@ -124,36 +124,18 @@ def _segmentation(segmentation: Any, name: str, image: Image) -> Mask | tuple[ge
 
 
 def decode(rle: dict[str, Any], name: str, image: Image) -> NDArray[np.bool_]:
-    """(h, w) pixels of COCO's run lengths, which go down the columns and start with background."""
+    """(h, w) pixels of COCO's run lengths, `InputError` for those of another image and for damaged ones."""
     size, counts = rle.get("size"), rle.get("counts")
     if not isinstance(size, list) or len(size) != 2 or not all(isinstance(v, int) for v in size):
         raise InputError(f"{name} has an RLE without its size [height, width]: correct the file")
     check_size(name, (size[1], size[0]), image)
-    if isinstance(counts, str):
-        counts = run_lengths(counts, name)
-    runs = counts if isinstance(counts, list) and all(isinstance(n, int) and n >= 0 for n in counts) else []
-    if sum(runs) != size[0] * size[1]:
-        raise InputError(f"{name} has run lengths that do not add up to {size[1]} x {size[0]} px: write it anew")
-    return np.asarray(np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(size[1], size[0]).T)
-
-
-def run_lengths(text: str, name: str) -> list[int]:
-    """The numbers in a compressed RLE (COCO's maskApi.c, rleFrString, which takes damaged ones without a word).
-
-    Each character holds five bits, lowest first, and whether the number goes on; from the fourth number on it is the
-    difference to the last but one.
-    """
-    codes = np.array([ord(character) - 48 for character in text], np.int64)
-    last = codes & 32 == 0
-    starts = np.flatnonzero(np.r_[True, last[:-1]])[: len(codes)]
-    place = np.arange(len(codes)) - np.repeat(starts, np.diff(np.r_[starts, len(codes)]))
-    if not len(codes) or not last[-1] or (codes < 0).any() or (codes > 63).any() or place.max() > 6:
-        raise InputError(f"{name} has a compressed RLE that is damaged: write it anew")
-    numbers = np.add.reduceat((codes & 31) << (5 * place), starts)
-    numbers -= np.where(codes[last] & 16, 1 << (5 * (place[last] + 1)), 0)
-    numbers[1::2] = np.cumsum(numbers[1::2])
-    numbers[2::2] = np.cumsum(numbers[2::2])
-    return [int(n) for n in numbers]
+    try:
+        runs = run_lengths.decompressed(counts) if isinstance(counts, str) else counts
+        if not isinstance(runs, list) or not all(isinstance(n, int) for n in runs):
+            runs = []  # which add up to no image
+        return run_lengths.pixels(runs, size[1], size[0])
+    except ValueError as error:
+        raise InputError(f"{name} {error}: write it anew") from error
 
 
 def _cropped(bits: NDArray[np.bool_]) -> Mask:

@@ -1,0 +1,77 @@
+"""A result's folder: which files it has, written in an order that tells whether it is complete, and read back."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.errors import InputError
+from zpm2.files.places import find, place
+from zpm2.files.reading import WRONG, read_json
+from zpm2.files.writing import atomic_write, claim
+from zpm2.formats import registry
+from zpm2.formats.registry import PairResult
+from zpm2.model import SIDES
+
+DOCUMENT = "matches.json"
+PICTURES = ("overlay.png", "unmatched.png", "contact.png")
+
+
+def file_names(formats: Sequence[str] = ()) -> list[str]:
+    """The names of all files that `save` may write."""
+    written = [each for each in registry.known() if each.by_default is not None or each.name in formats]
+    return [*(name for each in written for name in each.files), *PICTURES, DOCUMENT]
+
+
+def save(
+    result: PairResult, directory: str | Path, formats: Sequence[str], pictures: Mapping[str, NDArray[np.uint8]]
+) -> Path:
+    """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
+
+    `MatchResult.save` says what is written. The document comes last: where it is, all else is.
+    """
+    asked = registry.chosen(formats)
+    photographs = [side.path for side in (result.left, result.right) if side.path is not None]
+    folder = claim(directory, file_names(formats), photographs)
+    for each in registry.known():
+        if each in asked or (each.by_default is not None and each.by_default(result)):
+            each.write(result, folder)
+    for name, pixels in pictures.items():
+        png = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
+        atomic_write(folder / name, png.tobytes())
+    document = result.to_dict()
+    for side in SIDES:
+        document[side] |= place(document[side]["path"], folder)
+    atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
+    return folder
+
+
+def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
+    """The document of a folder (or the document itself): its path, and its content with the photographs' paths as they
+    are now. `InputError` for a file that cannot be read or has another schema."""
+    path = Path(path)
+    file = path / DOCUMENT if os.path.isdir(path) else path
+    try:
+        document = read_json(file)
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}; give the folder that zpm2 match wrote") from error
+    except ValueError as error:
+        raise InputError(f"{file} is no JSON: {error}; run zpm2 match again") from error
+    if not isinstance(document, dict) or document.get("schema") != schema:
+        raise InputError(f"{file} is no {schema} file; give the folder that zpm2 match wrote")
+    try:
+        for side in SIDES:
+            document[side]["path"] = find(document[side], file.parent)
+    except WRONG as error:
+        raise incomplete(file, error) from error
+    return file, document
+
+
+def incomplete(file: Path, error: Exception) -> InputError:
+    """For a document of which a part is missing or of another kind."""
+    return InputError(f"{file} is not complete ({error!r}); run zpm2 match again")

@@ -1,0 +1,38 @@
+"""left.geojson and right.geojson, which every result has."""
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from zpm2.errors import InputError
+from zpm2.formats import geojson
+from zpm2.formats.layer import Layer, feature_collection, layers_of
+from zpm2.formats.registry import OutputFormat, PairResult, register
+from zpm2.model import SIDES, ImagePolygons
+
+
+def feature_collections(result: PairResult) -> dict[str, dict[str, Any]]:
+    """The polygons as two GeoJSON FeatureCollections, "left" and "right".
+
+    Where a photograph has a reference system with longitude and latitude, in these (RFC 7946); else in image px, and
+    marked so.
+    """
+    sides = result.left, result.right
+    return {name: _collection(side, layer) for name, side, layer in zip(SIDES, sides, layers_of(result), strict=True)}
+
+
+def write(result: PairResult, folder: Path) -> None:
+    """Writes both files."""
+    for name, collection in feature_collections(result).items():
+        geojson.write(folder / f"{name}.geojson", collection)
+
+
+def _collection(side: ImagePolygons, layer: Layer) -> dict[str, Any]:
+    if layer.crs is not None:
+        with contextlib.suppress(InputError):  # no longitude and latitude: `gis.messages` has warned of it
+            return feature_collection(layer)
+    image = side.path or layer.name, side.width, side.height
+    return geojson.feature_collection(side.polygons, layer.match_of, *image, side.unmatched)
+
+
+register(OutputFormat("geojson", ("left.geojson", "right.geojson"), write, by_default=lambda result: True))
