@@ -1,12 +1,14 @@
-"""How much memory a pair takes, told from its size and the configuration before anything is loaded.
+"""How much memory a pair takes, estimated from its size and the configuration before anything is loaded.
 
-The numbers are measured and rounded up. They are of a whole process.
+The numbers are measured and rounded up. They are of a whole process. Those of point matchers stand where these are
+registered (`zpm2.features.registry.PointMethod`): measured with photographs of 1.4 megapixels (xfeat and SIFT: 12).
 """
 
 from collections.abc import Sequence
 
 from zpm2 import memory
 from zpm2.config import Config
+from zpm2.features import METHODS
 
 Size = tuple[int, int]  # (width, height) px
 
@@ -25,19 +27,6 @@ MEMORY = {
     "vit_b": 3e9,
     "vit_l": 5e9,
     "vit_h": 8e9,
-}
-
-# The same, of point matchers for each pixel of the larger photograph as they see it, measured at 1.4 (xfeat: 12) and
-# for SIFT 12 megapixels; superpoint is as aliked.
-POINT_MEMORY = {
-    "sift": 240.0,
-    "xfeat": 140.0,
-    "xfeat-dense": 140.0,
-    "disk": 2600.0,
-    "aliked": 2000.0,
-    "aliked-n16rot": 2000.0,
-    "aliked-n32": 2000.0,
-    "superpoint": 2000.0,
 }
 
 
@@ -71,9 +60,12 @@ def refuse_in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regi
 
 
 def _points(method: str, max_size: int, size: Size) -> float:
-    """Bytes for the points of one photograph. SIFT looks at it as it is."""
-    reduction = 1.0 if method == "sift" else min(1.0, max_size / max(size))
-    return POINT_MEMORY.get(method, 0.0) * size[0] * size[1] * reduction**2
+    """Bytes for the points of one photograph; 0 for a method of the caller's own."""
+    known = METHODS.get(method)
+    if known is None:
+        return 0.0
+    reduction = 1.0 if known.full_size else min(1.0, max_size / max(size))
+    return known.bytes_per_pixel * size[0] * size[1] * reduction**2
 
 
 def _text(sizes: Sequence[Size]) -> str:

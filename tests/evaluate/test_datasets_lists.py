@@ -1,5 +1,7 @@
 import json
 import re
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zpm2.errors import ConfigError, InputError
-from zpm2.evaluate.datasets import DATASETS, layout, open_dataset
+from zpm2.evaluate.datasets import DATASETS, dataset, layout, open_dataset, registry
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth, PoseTruth
 from zpm2.geometry import project
 
@@ -270,8 +272,50 @@ def test_natural_order():
 
 
 def test_the_documentation_names_every_data_set():
-    page = (ROOT / "docs" / "datasets.md").read_text()
-    assert [name for name in DATASETS if f"`{name}`" not in page] == []
+    rows = [line.split("|")[1:4] for line in (ROOT / "docs" / "datasets.md").read_text().splitlines() if "|" in line]
+    for name, known in DATASETS.items():
+        (row,) = [row for row in rows if f"`{name}`" in row[0]]
+        assert row[1].strip() == known.truth
+        assert [split for split in known.splits or () if f"`{split}`" not in row[2]] == []
+
+
+def test_the_help_of_eval_names_every_data_set(run):
+    code, out, _ = run("eval", "--help")
+    assert code == 0
+    assert [name for name in DATASETS if name not in out] == []
+
+
+TOY = """
+from zpm2.evaluate.datasets import dataset
+from zpm2.evaluate.pairs import EvalPair
+
+
+@dataset("toy", truth="none", splits=("first", "second"))
+def pairs(root, split, *, backwards=False):
+    left, right = (root / f"{split or 'first'}-{side}.png" for side in ("left", "right"))
+    yield EvalPair("one", *((right, left) if backwards else (left, right)))
+"""
+
+
+def test_one_file_from_elsewhere_adds_a_data_set(tmp_path, monkeypatch, run):
+    (tmp_path / "toy_dataset.py").write_text(TOY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "toy_dataset", raising=False)
+    import_module("toy_dataset")
+    try:
+        files(tmp_path, "second-left.png", "second-right.png")
+        (pair,) = listed("toy", tmp_path, "second", backwards=True)
+        assert (pair.left.name, pair.right.name) == ("second-right.png", "second-left.png")
+        with pytest.raises(ConfigError, match=r"unknown split of toy 'third'; there are: first, second"):
+            open_dataset("toy", tmp_path, "third")
+        assert "toy" in run("eval", "--help")[1]
+        code, _, err = run("eval", "toys", "--root", tmp_path)
+        assert code == 2
+        assert "did you mean 'toy'?" in err
+        with pytest.raises(ValueError, match="two data sets have the name 'toy'"):
+            dataset("toy", truth="none")(lambda root, split: iter(()))
+    finally:
+        registry._DATASETS.pop("toy")
 
 
 def test_the_documented_pairs_are_read(tmp_path):

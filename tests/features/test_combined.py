@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError
 from zpm2.features import METHODS, create
-from zpm2.features.combined import Combined, distinct
+from zpm2.features.combined import CombinedMatcher, distinct
 from zpm2.model import Image, PointMatches
 
 IMAGE = Image(np.zeros((20, 20, 3), np.uint8))
@@ -50,7 +50,7 @@ def test_distinct_is_greedy_suppression(rows: list[tuple[int, ...]], radius: flo
 def test_combined_keeps_the_better_of_two_and_what_only_one_image_shares() -> None:
     first = Fixed("first", matches((5, 5, 9, 9, 0.5), (1, 1, 2, 2, 0.4), (7, 7, 7, 7, 0.05)))
     second = Fixed("second", matches((5.5, 5, 9, 9.5, 0.9), (1, 1, 2, 8, 0.3)))
-    both = Combined([first, second], min_score=0.1)
+    both = CombinedMatcher([first, second], min_score=0.1, merge_px=1.0)
     found = both.match(IMAGE, IMAGE)
     assert both.name == "first+second"
     assert found.score.tolist() == [0.4, 0.9, 0.3]
@@ -59,7 +59,7 @@ def test_combined_keeps_the_better_of_two_and_what_only_one_image_shares() -> No
 
 def test_nothing_and_nothing() -> None:
     empty = Fixed("empty", PointMatches.empty())
-    assert len(Combined([empty, empty], 0.0).match(IMAGE, IMAGE)) == 0
+    assert len(CombinedMatcher([empty, empty], 0.0, 1.0).match(IMAGE, IMAGE)) == 0
 
 
 def test_create_needs_no_weights_for_sift() -> None:

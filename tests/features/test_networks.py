@@ -6,14 +6,16 @@ import torch
 from kornia.feature import LightGlue
 from torch import nn
 
-from zpm2.features import superpoint, xfeat
+from zpm2.config import PointsConfig
+from zpm2.features import superpoint_network, xfeat_network
 from zpm2.features.lightglue import SETTINGS, FusedCrossAttention, published_names
 
+THRESHOLD = PointsConfig().superpoint_threshold
 LAYERS = ["1a", "1b", "2a", "2b", "3a", "3b", "4a", "4b", "Pa", "Pb", "Da", "Db"]
 
 
 def test_superpoint_has_the_published_layers() -> None:
-    network = superpoint.SuperPoint()
+    network = superpoint_network.SuperPoint()
     state = network.state_dict()
     assert set(state) == {f"conv{layer}.{kind}" for layer in LAYERS for kind in ("weight", "bias")}
     assert state["conv1a.weight"].shape == (64, 1, 3, 3)
@@ -26,11 +28,11 @@ def test_superpoint_has_the_published_layers() -> None:
 
 def test_superpoint_shapes() -> None:
     torch.manual_seed(0)
-    network = superpoint.SuperPoint().eval()
+    network = superpoint_network.SuperPoint().eval()
     with torch.inference_mode():
         gray = torch.rand(1, 1, 64, 96)
         probability, descriptors = network(gray)
-        ((points, read, scores),) = superpoint.extract(network, gray, 20)
+        ((points, read, scores),) = superpoint_network.extract(network, gray, 20, THRESHOLD)
     assert probability.shape == (1, 64, 96)
     assert descriptors.shape == (1, 256, 8, 12)
     assert points.shape == (20, 2)
@@ -63,7 +65,8 @@ def ramp(channels: int, rows: int, columns: int) -> torch.Tensor:
 def test_superpoint_points_lie_where_the_probability_and_the_descriptor_say() -> None:
     probability = torch.zeros(1, 64, 96)
     probability[0, 21, 37], probability[0, 22, 38], probability[0, 2, 50] = 0.5, 0.4, 0.9  # a neighbour and a border
-    ((points, read, scores),) = superpoint.extract(Maps(probability, ramp(256, 8, 12)), torch.zeros(1, 1, 64, 96), 10)
+    network = Maps(probability, ramp(256, 8, 12))
+    ((points, read, scores),) = superpoint_network.extract(network, torch.zeros(1, 1, 64, 96), 10, THRESHOLD)
     assert points.tolist() == [[37, 21]]
     assert scores.tolist() == [0.5]
     assert torch.allclose(read[0, :2] / read[0, 2] * 100, torch.tensor([37.5, 21.5]), atol=1e-3)
@@ -76,7 +79,7 @@ def test_xfeat_points_are_moved_to_the_centre_of_mass() -> None:
         logits[0, y % 8 * 8 + x % 8, y // 8, x // 8] = value
     reliability = torch.full((1, 1, 8, 12), 0.5)
     network = Maps(ramp(64, 8, 12), logits, reliability)
-    ((points, read, scores),) = xfeat.extract(network, torch.zeros(1, 3, 64, 96), 10)
+    ((points, read, scores),) = xfeat_network.extract(network, torch.zeros(1, 3, 64, 96), 10)
     share = np.exp(-1) / (1 + np.exp(-1))
     assert torch.allclose(points, torch.tensor([[37 + share, 21.0]], dtype=torch.float32), atol=1e-4)
     assert np.isclose(scores.item(), 0.5 / (2 + np.exp(-1)))

@@ -1,4 +1,4 @@
-"""A second look: taken where the first one finds little, and only there; and its points are where they belong."""
+"""A second search: made where the first one finds few points, and only there; its points are where they belong."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from test_point_matchers import build, config, texture, warped
 
-from zpm2.config import PointsConfig
+from zpm2.config import PointsConfig, RotatedRetryConfig
 from zpm2.features import create
-from zpm2.features.rotated_retry import MANY, RotatedRetry, _view
+from zpm2.features.rotated_retry import RotatedRetry, _view, both_ways
 from zpm2.geometry import project
 from zpm2.model import Image, PointMatches
 
@@ -33,12 +33,12 @@ def test_a_view_shows_what_its_matrix_says(angle: int, size: int) -> None:
 
 
 class Counting:
-    """Finds `n` points of a plane, and counts how often it is asked."""
+    """Finds `n` points of a plane, and counts how often it is called."""
 
     name = "counting"
 
     def __init__(self, n: int) -> None:
-        self.n, self.asked, self.asked_again = n, 0, 0
+        self.n, self.asked, self.retried = n, 0, 0
 
     def match(self, left: Image, right: Image) -> PointMatches:
         self.asked += 1
@@ -48,24 +48,24 @@ class Counting:
         return PointMatches(at, at + np.c_[depth, 0 * depth], np.ones(self.n))
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
-        self.asked_again += len(pairs)
+        self.retried += len(pairs)
         return [PointMatches.empty() for _ in pairs]
 
 
-@pytest.mark.parametrize(("points", "again"), [(MANY, 0), (300, 0), (150, 6), (50, 16), (0, 16)])
-def test_it_looks_as_often_as_it_must(points: int, again: int) -> None:
+@pytest.mark.parametrize(("points", "retried"), [(1000, 0), (300, 0), (150, 6), (50, 16), (0, 16)])
+def test_it_searches_as_often_as_it_must(points: int, retried: int) -> None:
     matcher = Counting(points)
     image = Image(np.zeros((900, 1300, 3), np.uint8))
-    found = RotatedRetry(matcher, lambda: matcher, 1600).match(image, image)
-    assert (matcher.asked, matcher.asked_again) == (1, again)
+    found = RotatedRetry(matcher, lambda: matcher, 1600, RotatedRetryConfig()).match(image, image)
+    assert (matcher.asked, matcher.retried) == (1, retried)
     assert len(found) == points
 
 
-def test_a_small_image_is_looked_at_once_a_turn() -> None:
+def test_a_small_image_is_searched_once_a_turn() -> None:
     matcher = Counting(0)
     image = Image(np.zeros((300, 400, 3), np.uint8))
-    RotatedRetry(matcher, lambda: matcher, 1600).match(image, image)
-    assert matcher.asked_again == 8
+    RotatedRetry(matcher, lambda: matcher, 1600, RotatedRetryConfig()).match(image, image)
+    assert matcher.retried == 8
 
 
 def test_it_is_asked_for_by_the_configuration() -> None:
@@ -74,20 +74,30 @@ def test_it_is_asked_for_by_the_configuration() -> None:
     assert create(PointsConfig(methods=("sift",), rotated_retry=True)).name == "sift"
 
 
+def test_rounds_and_sizes_are_those_of_the_configuration() -> None:
+    matcher = Counting(0)
+    image = Image(np.zeros((900, 1300, 3), np.uint8))
+    chosen = RotatedRetryConfig(turns=(0, 180), far_turns=(), sizes=(700,))
+    RotatedRetry(matcher, lambda: matcher, 1600, chosen).match(image, image)
+    assert matcher.retried == 2
+    assert both_ways((0, 45)) == [0, 45, -45]
+    assert both_ways((90, 135, 180)) == [90, -90, 135, -135, 180]
+
+
 @pytest.mark.weights
 @pytest.mark.parametrize("angle", [70, 180])
 def test_turned_images(angle: int) -> None:
-    """XFeat alone does not stand such turns."""
+    """XFeat alone does not tolerate such turns."""
     left = Image(texture(320, 256))
     centre = cv2.getRotationMatrix2D((160, 128), angle, 0.8)
     turn = np.vstack([centre, [0, 0, 1]])
     right = Image(warped(left.rgb, turn))
-    once, again = (build(config("xfeat", rotated_retry=more)) for more in (False, True))
+    once, retried = (build(config("xfeat", rotated_retry=more)) for more in (False, True))
 
     def good(matches: PointMatches) -> int:
         return int((np.linalg.norm(project(turn, matches.left) - matches.right, axis=1) < 3).sum())
 
-    found = again.match(left, right)
+    found = retried.match(left, right)
     assert good(once.match(left, right)) < 20
     assert good(found) > 60
-    assert again.match(left, right).left.tobytes() == found.left.tobytes()
+    assert retried.match(left, right).left.tobytes() == found.left.tobytes()

@@ -5,6 +5,7 @@ import pytest
 from test_tiled_matcher import ColourSegmenter, OrbPoints, config, iou, scene, visible, warped
 
 from zpm2.api import Matcher
+from zpm2.config import RotatedRetryConfig
 from zpm2.errors import InputError
 from zpm2.features.rotated_retry import RotatedRetry
 from zpm2.model import Image, PointMatches
@@ -99,8 +100,8 @@ def test_a_strip_is_not_turned():
             return PointMatches.empty()
 
     strip = Image(np.broadcast_to(np.zeros(1, np.uint8), (200, 10_000, 3)))
-    again = RotatedRetry(Points(), lambda: pytest.fail("a strip is looked at once"), 1600)
-    assert len(again.match(strip, strip)) == 0
+    matcher = RotatedRetry(Points(), lambda: pytest.fail("a strip is searched once"), 1600, RotatedRetryConfig())
+    assert len(matcher.match(strip, strip)) == 0
 
 
 @pytest.mark.parametrize(("size", "tiles"), [((4000, 3900), False), ((4000, 4001), True), ((3000, 90), True)])

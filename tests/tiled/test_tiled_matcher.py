@@ -12,7 +12,7 @@ from painted import PaintedView, Region
 
 from zpm2 import config as configuration
 from zpm2 import features, geometry
-from zpm2.api import Matcher, windows
+from zpm2.api import Matcher
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError, OutputError
 from zpm2.formats import geojson
@@ -21,11 +21,12 @@ from zpm2.model import Image, Mask, PointMatches
 from zpm2.polygons.trace import trace
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
+from zpm2.tiled import windows
 
 H = np.array([[0.99, 0.05, 40.0], [-0.04, 1.01, 55.0], [-6e-6, 4e-6, 1]])
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
 TURNED = {0: None, 90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180}
-SETTINGS = ["device=cpu", "tiles.mode=on", "tiles.size=512", "guided.direction=off", "points.look_again=false"]
+SETTINGS = ["device=cpu", "tiles.mode=on", "tiles.size=512", "guided.direction=off", "points.rotated_retry=false"]
 
 
 class ColourSegmenter:
@@ -435,7 +436,7 @@ def test_no_region_lies_where_there_is_no_data(tmp_path):
     assert len(result.left.polygons) > 20
     for polygon in result.left.polygons:
         assert polygon.shape.intersection(hole).area < 0.02 * polygon.area
-    column, row = np.thresholds(result.points.left).astype(int).T
+    column, row = np.floor(result.points.left).astype(int).T
     assert valid[np.clip(row, 0, 819), np.clip(column, 0, 1099)].all()
     lost = [p.id for p in result.right.polygons if warped(hole.buffer(-5), given.matrix).covers(p.shape)]
     assert len(lost) > 3

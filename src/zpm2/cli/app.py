@@ -45,7 +45,7 @@ from zpm2.cli.console import (
     terminable,
     use_weights,
 )
-from zpm2.cli.eval import evaluate
+from zpm2.cli.eval import EvalCommand, evaluate
 from zpm2.cli.pose import pose
 from zpm2.cli.reconstruct import reconstruct
 from zpm2.cli.weights import app as weights_app
@@ -80,7 +80,8 @@ app = typer.Typer(
 )
 app.add_typer(config_app, name="config")
 app.add_typer(weights_app, name="weights")
-for name, command in (("eval", evaluate), ("pose", pose), ("cloud", cloud), ("reconstruct", reconstruct)):
+app.command("eval", cls=EvalCommand)(evaluate)
+for name, command in (("pose", pose), ("cloud", cloud), ("reconstruct", reconstruct)):
     app.command(name, cls=Command)(command)
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.

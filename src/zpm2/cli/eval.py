@@ -7,13 +7,14 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from zpm2.api import check_method, open_method
 from zpm2.cli.console import (
     AllowVrt,
+    Command,
     MaxMemory,
     Method,
     Out,
@@ -43,13 +44,19 @@ def datasets() -> Iterable[str]:
     return DATASETS
 
 
+class EvalCommand(Command):
+    """`zpm2 eval`, whose help names the registered data sets."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """As `Command`; the data sets are looked up now, as their modules take time to load."""
+        for item in self.get_params(ctx):
+            if item.name == "dataset":
+                cast(Any, item).help = f"One of {', '.join(datasets())}; see docs/datasets.md."
+        super().format_options(ctx, formatter)
+
+
 def evaluate(
-    dataset: Annotated[
-        str,
-        typer.Argument(
-            help="pairs, csv, sceneflow, kitti2015, middlebury, scannet1500, ...", autocompletion=one_of(datasets)
-        ),
-    ],
+    dataset: Annotated[str, typer.Argument(help="A data set by name.", autocompletion=one_of(datasets))],
     root: Annotated[Path, typer.Option(help="The folder that holds the data set, as its publisher lays it out.")],
     out: Out = Path("zpm2-eval"),
     split: Annotated[str | None, typer.Option(help="A part of the data set.")] = None,

@@ -9,7 +9,7 @@ from zpm2.config.global_match import GlobalConfig
 from zpm2.config.load import OPTIONS, assign, load, with_options
 from zpm2.config.local_match import GuidedConfig, LocalConfig
 from zpm2.config.photos import RasterConfig, TilesConfig
-from zpm2.config.points import PointsConfig
+from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import PoseConfig
 from zpm2.config.presets import PRESETS, preset
 from zpm2.config.segment import SegmentConfig, VectorizeConfig
@@ -26,6 +26,7 @@ __all__ = [
     "PointsConfig",
     "PoseConfig",
     "RasterConfig",
+    "RotatedRetryConfig",
     "SegmentConfig",
     "TilesConfig",
     "VectorizeConfig",

@@ -1,4 +1,4 @@
-"""Several point matchers as one: their matches together, without those that say the same thing twice."""
+"""Several point matchers as one: their matches together, without duplicates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,44 +11,44 @@ from zpm2.features.protocol import PointMatcher
 from zpm2.model import Image, PointMatches
 from zpm2.runtime import refuse_forked
 
-SAME_PX = 1.0  # px, in both images: two matches that are closer are one
-
 
 @dataclass(frozen=True, eq=False)
-class Combined:
-    """The matches of one or several matchers that score at least `min_score`, each said once (`distinct`).
+class CombinedMatcher:
+    """The matches of one or several matchers that score at least `min_score`, without duplicates (`distinct`).
 
     The scores of different methods have no common scale beyond 0..1: they are passed on as they are.
     """
 
     matchers: Sequence[PointMatcher]
     min_score: float  # 0..1
+    merge_px: float  # matches that are closer in both images are one
 
     @property
     def name(self) -> str:
+        """See `PointMatcher.name`."""
         return "+".join(m.name for m in self.matchers)
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`. Ordered by method, then as the method gives them."""
         refuse_forked()
-        return self._together([m.match(left, right) for m in self.matchers])
+        return self._joined([m.match(left, right) for m in self.matchers])
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""
         refuse_forked()
-        return [self._together(found) for found in zip(*(m.match_many(pairs) for m in self.matchers), strict=True)]
+        return [self._joined(found) for found in zip(*(m.match_many(pairs) for m in self.matchers), strict=True)]
 
-    def _together(self, found: Sequence[PointMatches]) -> PointMatches:
-        together = PointMatches.join(found)
-        together = together[together.score >= self.min_score]
-        return together[distinct(together, SAME_PX)]
+    def _joined(self, found: Sequence[PointMatches]) -> PointMatches:
+        joined = PointMatches.join(found)
+        joined = joined[joined.score >= self.min_score]
+        return joined[distinct(joined, self.merge_px)]
 
 
 def distinct(matches: PointMatches, radius: float) -> NDArray[np.bool_]:
     """(n,) which matches to keep so that no two lie within `radius` px of each other in both images.
 
     Of two such matches the better score stays (at equal scores the earlier one): non-maximum suppression by descending
-    score, done in rounds. A match that no undecided better one is close to stays; what is close to it goes.
+    score, in rounds. A match stays if no better one that is still undecided is close to it; what is close to it goes.
     """
     n = len(matches)
     rank = np.empty(n, np.intp)

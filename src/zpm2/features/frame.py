@@ -1,4 +1,4 @@
-"""The one place where an image becomes a network's input and its pixels become image coordinates again."""
+"""From an image to a network's input, and from the network's pixels back to image coordinates."""
 
 from dataclasses import dataclass
 
@@ -7,21 +7,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from zpm2.config import PointsConfig
 from zpm2.model import Image
 
-MULTIPLE = 32  # px: XFeat and ALIKED need it, DISK (16) and SuperPoint (8) are served by it
-REACH = 17  # px, side of the neighbourhood in which there must be something to see
-FLAT = 1  # grey levels, the largest range of a neighbourhood in which there is nothing
+STRIDE = 32  # px: sides are multiples of it, as XFeat and ALIKED need; DISK needs 16, SuperPoint 8
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
     """An image resized for a network: each side by its own exact factor, then padded to the right and below."""
 
-    pixels: torch.Tensor  # (1, 3, h, w) float32 RGB 0..1, sides multiples of `MULTIPLE`
+    pixels: torch.Tensor  # (1, 3, h, w) float32 RGB 0..1, sides multiples of `STRIDE`
     scale: NDArray[np.float64]  # (2,) network px per original px, along x and y
     size: tuple[int, int]  # (width, height) of the original image, px
-    useful: torch.Tensor  # (h, w) bool: pixels of the image (not its padding) with something to see around them
+    useful: torch.Tensor  # (h, w) bool: pixels of the image, not of its padding, with some contrast around them
 
     def to_image(self, points: torch.Tensor) -> NDArray[np.float64]:
         """(n, 2) network px with pixel centres at 0 -> (n, 2) original px with pixel centres at +0.5."""
@@ -30,7 +29,7 @@ class Frame:
     def is_useful(self, points: torch.Tensor) -> torch.Tensor:
         """(n,) bool: which of (n, 2) network px, centres at 0, lie on useful pixels.
 
-        Networks do report points in the middle of nothing: on padding, a blank wall, a no-data area, a burnt-out sky.
+        Networks also report points where there is nothing to see: on padding, a blank wall, no data, a burnt-out sky.
         """
         x, y = torch.floor(points + 0.5).long().T
         height, width = self.useful.shape
@@ -38,20 +37,20 @@ class Frame:
         return useful.logical_and((x >= 0) & (x < width) & (y >= 0) & (y < height))
 
 
-def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
-    """`image` with its longer side at most `max_size` px, never enlarged; then times `zoom` (for looking twice).
+def frame(image: Image, config: PointsConfig, device: str, zoom: float = 1.0) -> Frame:
+    """`image` with its longer side at most `config.max_size` px, never enlarged; then times `zoom`.
 
     Both sides are rounded to whole pixels, so the factors of x and y differ by less than half a pixel over the image.
     The padding repeats the border, so that no edge appears there.
     """
-    factor = min(1.0, max_size / max(image.width, image.height)) * zoom
+    factor = min(1.0, config.max_size / max(image.width, image.height)) * zoom
     width, height = max(1, round(image.width * factor)), max(1, round(image.height * factor))
     rgb = image.rgb
     if (width, height) != (image.width, image.height):
         how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
         rgb = cv2.resize(rgb, (width, height), interpolation=how)
-    useful = _has_contrast(rgb)
-    below, right = -height % MULTIPLE, -width % MULTIPLE
+    useful = _has_contrast(rgb, config)
+    below, right = -height % STRIDE, -width % STRIDE
     rgb = cv2.copyMakeBorder(rgb, 0, below, 0, right, cv2.BORDER_REPLICATE)
     pixels = torch.from_numpy(rgb).to(device).permute(2, 0, 1)[None].float() / 255.0
     scale = np.array([width / image.width, height / image.height])
@@ -63,7 +62,7 @@ def frame(image: Image, max_size: int, device: str, zoom: float = 1.0) -> Frame:
     )
 
 
-def _has_contrast(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(h, w) where some channel of (h, w, 3) varies by more than `FLAT` within `REACH`."""
-    window = np.ones((REACH, REACH), np.uint8)
-    return np.asarray((cv2.dilate(rgb, window) - cv2.erode(rgb, window)).max(2) > FLAT)
+def _has_contrast(rgb: NDArray[np.uint8], config: PointsConfig) -> NDArray[np.bool_]:
+    """(h, w) where some channel of (h, w, 3) varies by more than `config.blank_range` within `config.blank_window`."""
+    window = np.ones((config.blank_window, config.blank_window), np.uint8)
+    return np.asarray((cv2.dilate(rgb, window) - cv2.erode(rgb, window)).max(2) > config.blank_range)

@@ -1,4 +1,4 @@
-"""What a point matcher is: images in, homologous points out; and the two halves of a sparse one."""
+"""What a point matcher is: images in, homologous points out. A sparse one consists of a detector and a matcher."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from zpm2.model import Image, PointMatches
 
 
 class PointMatcher(Protocol):
-    """Finds homologous points. Sparse and detector-free methods look the same from here."""
+    """Finds homologous points, with a detector or without."""
 
     @property
     def name(self) -> str:
@@ -26,7 +26,7 @@ class PointMatcher(Protocol):
         ...
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
-        """The same of many small pairs (crops), which networks look at together."""
+        """The same for many small pairs (crops), which networks process in batches."""
         ...
 
 

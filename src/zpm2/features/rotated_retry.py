@@ -1,10 +1,10 @@
-"""A second look, smaller and turned, for pairs in which the first one finds little.
+"""A second search, smaller and turned, for pairs in which the first one finds few points.
 
-Learned points stand turns of some 20 degrees and scales of some 1.5. Cameras turn farther (aerial strips that are flown
-back and forth, a hand that holds a phone), and a photograph blurred by motion has its corners at a coarser scale than
-the sharp one beside it. So where few points agree on one epipolar geometry, both images are shown again at smaller
-sizes, the right one turned. Points of all looks are kept: what is true in one look is true in the next, what is chance
-is not, and a robust estimator tells them apart.
+Learned points tolerate turns of about 20 degrees and changes of scale of about 1.5. Cameras turn farther (aerial strips
+flown back and forth, a phone in the hand), and a photograph blurred by motion has its corners at a coarser scale than
+the sharp one beside it. So where few points agree on one epipolar geometry, both images are searched again at smaller
+sizes, the right one turned. The points of all searches are kept: true ones repeat and chance does not, so that a robust
+estimator tells them apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,66 +16,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import RotatedRetryConfig
 from zpm2.errors import Failed
 from zpm2.features.combined import distinct
 from zpm2.features.protocol import PointMatcher
 from zpm2.model import Image, PointMatches, thin
 
-ENOUGH = (200, 100)  # points that agree, with which no first, no second further round is made
-MANY = 1000  # points, of which enough agree
-ROUNDS = ((0, 45, -45), (90, -90, 135, -135, 180))  # degrees by which the right image is turned
-SIZES = (640, 1000)  # px, longer side
-NOISE_PX = 3.0  # px of the image, of points that agree; where it was reduced, of the reduced one
-SAME_PX = 2.0  # px, in both images: points of two looks that are closer are one
-
 
 @dataclass(frozen=True, eq=False)
 class RotatedRetry:
-    """`matcher`, and what `again` finds in further looks where that finds little."""
+    """`matcher`, and the points of further searches where it finds few."""
 
     matcher: PointMatcher
-    again: Callable[[], PointMatcher]  # loaded when it is first needed
+    retry_matcher: Callable[[], PointMatcher]  # of the further searches, loaded when it is first needed
     size: int  # px, longer side at which `matcher` works
+    config: RotatedRetryConfig
 
     @property
     def name(self) -> str:
+        """See `PointMatcher.name`."""
         return self.matcher.name
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`."""
         found = self.matcher.match(left, right)
         if any(thin(image.width, image.height) for image in (left, right)):
-            return found  # made smaller there is nothing to see, and turned it needs a square of its length
+            return found  # a smaller one shows nothing, and a turned one needs a square of its length
         longest = max(left.width, left.height, right.width, right.height)
-        noise = NOISE_PX * max(1.0, longest / self.size)
-        looks, turns = [found], [np.zeros(len(found), np.int64)]
-        for angles, enough in zip(ROUNDS, ENOUGH, strict=True):
-            if len(found) >= MANY or _agreeing(found, noise).sum() >= enough:
+        config = self.config
+        noise = config.noise_px * max(1.0, longest / self.size)
+        searches, turns = [found], [np.zeros(len(found), np.int64)]
+        for half_turns, enough in ((config.turns, config.min_points), (config.far_turns, config.min_points_far)):
+            if len(found) >= config.enough_points or _agreeing(found, noise).sum() >= enough:
                 break
-            for size in sorted({min(size, longest) for size in SIZES}):
-                for angle, points in zip(angles, self._look(left, right, size, angles), strict=True):
-                    looks.append(points)
+            angles = both_ways(half_turns)
+            for size in sorted({min(size, longest) for size in config.sizes}):
+                for angle, points in zip(angles, self._search(left, right, size, angles), strict=True):
+                    searches.append(points)
                     turns.append(np.full(len(points), angle))
-            found = PointMatches.join(looks)
-        if len(looks) == 1:
+            found = PointMatches.join(searches)
+        if len(searches) == 1:
             return found
         turned = np.concatenate(turns)[_agreeing(found, noise)]
         best = int(np.argmax(np.bincount(turned % 360))) if len(turned) else 0
-        if best:  # the size of the first look, and the turn that it lacked
+        if best:  # the size of the first search, and the turn that it lacked
             view, to_image = _view(right, max(right.width, right.height), best)
             found = PointMatches.join([found, _moved(self.matcher.match(left, view), np.eye(3), to_image)])
-        return found[distinct(found, SAME_PX)]
+        return found[distinct(found, config.merge_px)]
 
-    def _look(self, left: Image, right: Image, size: int, angles: Sequence[int]) -> list[PointMatches]:
+    def _search(self, left: Image, right: Image, size: int, angles: Sequence[int]) -> list[PointMatches]:
         """The points of both images at `size` px, the right one turned by each of `angles`."""
         small, to_left = _view(left, size, 0)
         views = [_view(right, size, angle) for angle in angles]
-        found = self.again().match_many([(small, view) for view, _ in views])
+        found = self.retry_matcher().match_many([(small, view) for view, _ in views])
         return [_moved(points, to_left, to_right) for points, (_, to_right) in zip(found, views, strict=True)]
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
-        """See `PointMatcher.match_many`; one look each."""
+        """See `PointMatcher.match_many`; one search each."""
         return self.matcher.match_many(pairs)
+
+
+def both_ways(half_turns: Sequence[int]) -> list[int]:
+    """Turns to either side, in degrees.
+
+    >>> both_ways((0, 45, 180))
+    [0, 45, -45, 180]
+    """
+    return [angle for turn in half_turns for angle in ((turn, -turn) if turn % 180 else (turn,))]
 
 
 def _agreeing(points: PointMatches, noise: float) -> NDArray[np.bool_]:

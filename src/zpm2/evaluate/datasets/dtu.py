@@ -5,6 +5,7 @@ from pathlib import Path
 
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth
 from zpm2.files.listing import existing, folders, text
 from zpm2.formats import cameras
@@ -13,6 +14,7 @@ from zpm2.photos.listing import photographs
 _CAMERAS = ("cameras.npz", "cameras_sphere.npz")
 
 
+@dataset("dtu", truth="pose")
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """Neighbouring views of every scan below `root`, or of `root` itself.
 

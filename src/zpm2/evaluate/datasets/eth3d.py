@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 from zpm2.files.listing import existing, folders
 
 SPLITS = ("training", "test")
 
 
+@dataset("eth3d", truth="disparity", splits=SPLITS)
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """`two_view_training/SCENE/{im0,im1}.png` with `two_view_training_gt/SCENE/disp0GT.pfm`.
 

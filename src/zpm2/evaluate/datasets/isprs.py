@@ -6,11 +6,13 @@ from pathlib import Path
 
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.files.listing import existing, folders, text
 from zpm2.photos.listing import photographs
 
 
+@dataset("isprs", truth="none")
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The pairs of every block of photographs: those of its `pairs.txt` (a line: left right), else file and next file.
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zpm2.evaluate.datasets.layout import found, path_name, together
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 from zpm2.files.listing import existing
 
@@ -15,6 +16,7 @@ SPLITS = ("training", "testing")
 SCALE = 256.0
 
 
+@dataset("kitti2012", truth="disparity, sparse", splits=SPLITS)
 def pairs_2012(root: Path, split: str | None, *, occluded: bool = True) -> Iterator[EvalPair]:
     """`training/{colored_0,colored_1}/000000_10.png` with `disp_occ/000000_10.png`.
 
@@ -28,6 +30,7 @@ def pairs_2012(root: Path, split: str | None, *, occluded: bool = True) -> Itera
     return _pairs(folder, left, right, "disp_occ" if occluded else "disp_noc", ending)
 
 
+@dataset("kitti2015", truth="disparity, sparse", splits=SPLITS)
 def pairs_2015(root: Path, split: str | None, *, occluded: bool = True) -> Iterator[EvalPair]:
     """`training/{image_2,image_3}/000000_10.png` with `disp_occ_0/000000_10.png`; split and occluded as for 2012."""
     folder = existing(root / (split or "training"))

@@ -1,4 +1,4 @@
-"""What all loaders share: pairs that must be there, names that are usable as paths."""
+"""Helpers of all loaders: pairs that must be there, names that are usable as paths."""
 
 import re
 from collections.abc import Iterator

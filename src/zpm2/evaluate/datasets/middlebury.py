@@ -8,6 +8,7 @@ from pathlib import Path
 
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 from zpm2.files.listing import existing, folders
 from zpm2.photos.listing import image_size
@@ -18,6 +19,7 @@ TESTING = ("testF", "testH", "testQ")
 _PAIRS = (("im2.png", "im6.png"), ("view1.png", "view5.png"), ("im0.png", "im1.png"))  # sets of 2003 can have im0 too
 
 
+@dataset("middlebury", truth="disparity")
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """Every scene at or below `root`, told apart by the names of its files.
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, HomographyTruth, PoseTruth, Truth
 from zpm2.files.listing import existing, json_file, text
 from zpm2.formats import cameras
@@ -17,6 +18,7 @@ from zpm2.formats import cameras
 KINDS = ("disparity", "depth", "pose", "homography")
 
 
+@dataset("pairs", truth="as listed")
 def from_json(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The pairs of `pairs.json`, in its order. split: one value of "set"; None for all."""
     path = root / "pairs.json"
@@ -33,6 +35,7 @@ def from_json(root: Path, split: str | None) -> Iterator[EvalPair]:
     return found((_entry(root, entry, f"pair {k} of {path}") for k, entry in enumerate(entries)), f"pairs in {path}")
 
 
+@dataset("csv", truth="disparity or none")
 def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The rows of `pairs.csv` (split: of `SPLIT.csv`), in its order: left, right[, disparity, scale, sign, name]."""
     path = root / f"{split or 'pairs'}.csv"

@@ -7,6 +7,7 @@ import numpy as np
 
 from zpm2.errors import ConfigError
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import Array, DepthTruth, EvalPair, PoseTruth
 from zpm2.files.listing import existing, folders
 from zpm2.formats import cameras
@@ -16,6 +17,7 @@ COLOUR = (1296, 968)  # px, of the pictures for which intrinsic_color.txt holds
 DEPTH = (640, 480)  # px, of the maps for which intrinsic_depth.txt holds
 
 
+@dataset("scannet", truth="depth and pose")
 def pairs(root: Path, split: str | None, *, gap: int = 10) -> Iterator[EvalPair]:
     """Pairs of frames, `gap` frame numbers or the next larger step that was exported apart, one after the other.
 

@@ -13,6 +13,7 @@ import numpy as np
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets import scannet
 from zpm2.evaluate.datasets.layout import found, path_name
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import Array, EvalPair
 from zpm2.files.listing import existing, text
 from zpm2.formats import cameras
@@ -23,6 +24,7 @@ _FOLDERS = ("", "scannet_test_1500", "scans_test")
 _FRAME = re.compile(r"(scene\d{4}_\d\d)\D*?(\d+)(?:\.color)?\.\w+$")
 
 
+@dataset("scannet1500", truth="pose, and depth where it is there", splits=SPLITS)
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The pairs of an index in `root`, in its order.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from zpm2.errors import ConfigError
 from zpm2.evaluate.datasets.layout import found, path_name, together
+from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
 from zpm2.files.listing import existing, folders
 
@@ -13,6 +14,7 @@ SUBSETS = ("flyingthings3d", "driving", "monkaa")
 RENDERS = ("cleanpass", "finalpass")
 
 
+@dataset("sceneflow", truth="disparity, every pixel", splits=SPLITS)
 def pairs(root: Path, split: str | None, *, render: str | None = None) -> Iterator[EvalPair]:
     """All pairs below `root`, which holds the archives of one subset or of all, or a folder for each subset.
 

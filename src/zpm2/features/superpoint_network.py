@@ -7,9 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-CELL = 8  # px, the stride of both heads
-THRESHOLD = 0.0005  # of the point probability; the paper's 0.015 leaves too few points for a learned matcher
-RADIUS = 4  # px, of non-maximum suppression, and of the border where nothing is detected
+CELL = 8  # px, stride of both heads
+NMS_RADIUS = 4  # px, of the non-maximum suppression, and width of the border without points, as published
 
 
 class SuperPoint(nn.Module):
@@ -36,24 +35,24 @@ class SuperPoint(nn.Module):
 
 
 def extract(
-    network: SuperPoint, gray: torch.Tensor, limit: int
+    network: SuperPoint, gray: torch.Tensor, limit: int, threshold: float
 ) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
     """The `limit` best points of each of (b, 1, h, w) images: (n, 2) px, centres at 0; (n, 256) unit; (n,) probability.
 
-    Points are maxima of their (2 RADIUS + 1)^2 window. Descriptors are read bilinearly (the paper: bicubically) at the
-    point itself, cell (j, i) being centred on pixel corner (8 i + 4, 8 j + 4).
+    Points are maxima of their (2 NMS_RADIUS + 1)^2 window, above `threshold`. Descriptors are read bilinearly (the
+    paper: bicubically) at the point itself, cell (j, i) being centred on pixel corner (8 i + 4, 8 j + 4).
     """
-    return [_points(probability, maps, limit) for probability, maps in zip(*network(gray), strict=True)]
+    return [_points(probability, maps, limit, threshold) for probability, maps in zip(*network(gray), strict=True)]
 
 
 def _points(
-    probability: torch.Tensor, descriptors: torch.Tensor, limit: int
+    probability: torch.Tensor, descriptors: torch.Tensor, limit: int, threshold: float
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Of one image: (h, w) and (256, h / 8, w / 8)."""
     height, width = probability.shape
-    peak = F.max_pool2d(probability[None], 2 * RADIUS + 1, stride=1, padding=RADIUS) == probability[None]
-    y, x = torch.nonzero((peak & (probability > THRESHOLD))[0], as_tuple=True)
-    inner = (x >= RADIUS) & (x < width - RADIUS) & (y >= RADIUS) & (y < height - RADIUS)
+    peak = F.max_pool2d(probability[None], 2 * NMS_RADIUS + 1, stride=1, padding=NMS_RADIUS) == probability[None]
+    y, x = torch.nonzero((peak & (probability > threshold))[0], as_tuple=True)
+    inner = (x >= NMS_RADIUS) & (x < width - NMS_RADIUS) & (y >= NMS_RADIUS) & (y < height - NMS_RADIUS)
     y, x = y[inner], x[inner]
     scores, best = torch.sort(probability[y, x], descending=True, stable=True)
     points = torch.stack([x, y], 1)[best[:limit]].float()

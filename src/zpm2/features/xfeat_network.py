@@ -1,6 +1,7 @@
 """XFeat (Potje et al., CVPR 2024): loading the backbone, and its sparse points.
 
-The backbone is kornia's. The points are read here, because kornia's (as the original's) are whole pixels.
+The backbone is kornia's. The points are read here, to sub-pixel precision; those of kornia and of the original are
+whole pixels.
 """
 
 import torch
@@ -11,8 +12,8 @@ from kornia.geometry.subpix import nms2d
 from zpm2 import weights
 
 CELL = 8  # px, stride of the backbone's maps
-THRESHOLD = 0.05  # of the point probability, as published
-WINDOW = 5  # px, side of the non-maximum suppression, as published
+POINT_THRESHOLD = 0.05  # of the point probability, as published
+NMS_WINDOW = 5  # px, side of the non-maximum suppression, as published
 
 
 def load(device: str, progress: weights.Progress | None) -> XFeatModel:
@@ -40,7 +41,7 @@ def _points(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Of one image: (1, 64, h / 8, w / 8), (1, 65, h / 8, w / 8), (1, 1, h / 8, w / 8)."""
     probability = F.pixel_shuffle(logits.softmax(1)[:, : CELL * CELL], CELL)
-    peak = nms2d(probability, (WINDOW, WINDOW), mask_only=True) & (probability > THRESHOLD)
+    peak = nms2d(probability, (NMS_WINDOW, NMS_WINDOW), mask_only=True) & (probability > POINT_THRESHOLD)
     y, x = torch.nonzero(peak[0, 0], as_tuple=True)
     corners = torch.stack([x, y], 1).float()
     scores = probability[0, 0, y, x] * _read(reliability, corners, "bilinear")[:, 0]

@@ -1,0 +1,94 @@
+"""Data sets by name.
+
+A loader registers itself where it is defined. The files of this folder are found because they lie here; a file from
+elsewhere takes part once it is imported:
+
+    @dataset("mine", truth="pose", splits=("train", "test"))
+    def pairs(root: Path, split: str | None) -> Iterator[EvalPair]: ...
+"""
+
+import inspect
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from zpm2.errors import ConfigError, InputError
+from zpm2.evaluate.pairs import Dataset, EvalPair
+
+Loader = Callable[..., Iterator[EvalPair]]  # (root, split, *, options)
+
+
+@dataclass(frozen=True)
+class DatasetFormat:
+    """A registered data set."""
+
+    name: str
+    load: Loader  # its keyword-only parameters are the options of the data set
+    truth: str  # what is known about its pairs, for the documentation
+    splits: tuple[str, ...] | None  # their names; None where they are named by the data
+
+
+_DATASETS: dict[str, DatasetFormat] = {}
+DATASETS: Mapping[str, DatasetFormat] = _DATASETS
+
+
+def dataset(name: str, *, truth: str, splits: tuple[str, ...] | None = None) -> Callable[[Loader], Loader]:
+    """Register the loader of the data set `name`, see `DatasetFormat`. `ValueError` for a taken name."""
+
+    def register(load: Loader) -> Loader:
+        if name in _DATASETS:
+            raise ValueError(f"two data sets have the name '{name}'")
+        _DATASETS[name] = DatasetFormat(name, load, truth, splits)
+        return load
+
+    return register
+
+
+def open_dataset(name: str, root: str | Path, split: str | None = None, **options: Any) -> Dataset:
+    """The data set `name` (one of `DATASETS`) in the folder `root`. No file is read yet.
+
+    docs/datasets.md shows the files that each one needs.
+
+    split: a part of it, None for the usual one or for all; options: those of its loader, as `render` of sceneflow.
+    `ConfigError` for a name, split or option that does not exist, `InputError` where `root` is no folder.
+    """
+    _known("data set", name, tuple(DATASETS))
+    chosen = DATASETS[name]
+    if split is not None and chosen.splits is not None:
+        _known(f"split of {name}", split, chosen.splits)
+    parameters = inspect.signature(chosen.load).parameters.values()
+    for option in options:
+        _known(f"option of {name}", option, [p.name for p in parameters if p.kind is p.KEYWORD_ONLY])
+    if not os.path.isdir(root):
+        raise InputError(f"root of data set {name}: {root} is no folder: give the one that holds its files")
+    return _Folder(name, partial(chosen.load, Path(root), split, **options))
+
+
+@dataclass
+class _Folder:
+    """A data set whose pairs a loader lists."""
+
+    name: str
+    load: Callable[[], Iterator[EvalPair]]
+
+    def pairs(self) -> Iterator[EvalPair]:
+        """Its pairs, in a fixed order. `InputError` at a pair that lacks a file, with the file's name, and for a name
+        that comes twice."""
+        seen: set[str] = set()
+        for pair in self.load():
+            if pair.name in seen:
+                raise InputError(f"data set {self.name} has two pairs named '{pair.name}': rename one, or give a split")
+            seen.add(pair.name)
+            yield pair
+
+
+def _known(what: str, name: str, names: Sequence[str]) -> None:
+    if name in names:
+        return
+    close = get_close_matches(name, names, n=1)
+    hint = f" (did you mean '{close[0]}'?)" if close else ""
+    raise ConfigError(f"unknown {what} '{name}'{hint}; there are: {', '.join(names) or 'none'}")
