@@ -18,16 +18,8 @@ from zpm2.config import Config, RasterConfig
 from zpm2.errors import Failed, InputError
 from zpm2.files.reading import WRONG
 from zpm2.formats import gis, saving
-from zpm2.formats.document import (
-    match_from_dict,
-    match_to_dict,
-    matrix_from_list,
-    matrix_to_list,
-    points_from_dict,
-    points_to_dict,
-    side_from_dict,
-    side_to_dict,
-)
+from zpm2.formats.convert import Converter, Layout, Members
+from zpm2.formats.document import LAYOUTS
 from zpm2.formats.layer import layers_of
 from zpm2.formats.writers.geojson import feature_collections
 from zpm2.local_match.exclusive import without_overlaps
@@ -115,22 +107,8 @@ class MatchResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `matches.json` (schema "zpm2-matches/1")."""
-        return {
-            "schema": SCHEMA,
-            "version": self.version,
-            "config": dict(self.config),
-            "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
-            "left": side_to_dict(self.left),
-            "right": side_to_dict(self.right),
-            "points": points_to_dict(self.points),
-            "fundamental": matrix_to_list(self.fundamental),
-            "homography": matrix_to_list(self.homography),
-            "failed": {name: str(m) for name in ESTIMATES if isinstance(m := getattr(self, name), Failed)},
-            "non_overlapping": self.non_overlapping,
-            "matches": [match_to_dict(match) for match in self.matches],
-            "warnings": list(self.warnings),
-            "notes": list(self.notes),
-        }
+        plain: dict[str, Any] = _CONVERTER.to_plain(self)
+        return plain
 
     def to_geojson(self) -> dict[str, dict[str, Any]]:
         """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids.
@@ -195,7 +173,7 @@ class MatchResult:
         """
         file, document = saving.read_document(path, SCHEMA)
         try:
-            return _from_dict(document)
+            return _CONVERTER.from_plain(MatchResult, document)
         except WRONG as error:
             raise saving.incomplete(file, error) from error
 
@@ -218,23 +196,30 @@ class MatchResult:
         return value if isinstance(value, int | float) else default
 
 
-def _from_dict(document: Mapping[str, Any]) -> MatchResult:
-    reasons = document.get("failed", {})
-    fundamental, homography = (
-        matrix_from_list(document[name], str(reasons.get(name, f"the run found no {what}")))
-        for name, what in ESTIMATES.items()
-    )
-    return MatchResult(
-        left=side_from_dict(document["left"]),
-        right=side_from_dict(document["right"]),
-        matches=[match_from_dict(match) for match in document["matches"]],
-        points=points_from_dict(document["points"]),
-        fundamental=fundamental,
-        homography=homography,
-        config=dict(document["config"]),
-        timings={stage: float(seconds) for stage, seconds in document["timings"].items()},
-        warnings=list(document["warnings"]),
-        notes=list(document.get("notes", [])),
-        version=document["version"],
-        non_overlapping=document.get("non_overlapping") is True,
-    )
+def _fold(result: MatchResult, members: Members) -> Members:
+    """An estimate that does not exist is null, and the reason stands in "failed"."""
+    failed = {name: str(made) for name in ESTIMATES if isinstance(made := getattr(result, name), Failed)}
+    timings = {stage: round(seconds, 4) for stage, seconds in result.timings.items()}
+    return members | dict.fromkeys(failed) | {"schema": SCHEMA, "failed": failed, "timings": timings}
+
+
+def _unfold(members: Members) -> Members:
+    members.setdefault("notes", [])  # earlier versions wrote none
+    reasons = members.get("failed", {})
+    for name, what in ESTIMATES.items():
+        if members[name] is None:
+            members[name] = Failed(str(reasons.get(name, f"the run found no {what}")))
+    return members
+
+
+_LAYOUT = Layout(
+    order=(
+        *("schema", "version", "config", "timings", "left", "right", "points", "fundamental", "homography", "failed"),
+        *("non_overlapping", "matches", "warnings", "notes"),
+    ),
+    optional=("non_overlapping",),
+    shapes={"fundamental": (3, 3), "homography": (3, 3)},
+    fold=_fold,
+    unfold=_unfold,
+)
+_CONVERTER = Converter({**LAYOUTS, MatchResult: _LAYOUT})

@@ -16,7 +16,7 @@ from zpm2.files.keys import key as key_of
 from zpm2.files.keys import stamp
 from zpm2.files.reading import WRONG, parse_json, unpack_gzip
 from zpm2.files.writing import atomic_write, output_folder
-from zpm2.formats.document import points_from_dict, points_to_dict, side_from_dict, side_to_dict
+from zpm2.formats.document import from_plain, to_plain
 from zpm2.model import ImagePolygons, PointMatches, Polygon
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
@@ -118,14 +118,14 @@ def _content(source: Source) -> Any:
 
 def _to_dict(tile: Tile) -> dict[str, Any]:
     sides = [
-        {**side_to_dict(ImagePolygons(0, 0, polygons)), "window": window}
+        {**to_plain(ImagePolygons(0, 0, polygons)), "window": window}
         for polygons, window in zip(tile.polygons, tile.windows, strict=True)
     ]
     return {
         "level": tile.level,
         "sides": sides,
         "guided": tile.guided.tolist(),
-        "points": points_to_dict(tile.points),
+        "points": to_plain(tile.points),
         "seconds": dict(tile.seconds),
     }
 
@@ -135,9 +135,9 @@ def _from_dict(content: Mapping[str, Any]) -> Tile:
     return Tile(
         int(content["level"]),
         (_window(sides[0]["window"]), _window(sides[1]["window"])),
-        (side_from_dict(sides[0]).polygons, side_from_dict(sides[1]).polygons),
+        (from_plain(ImagePolygons, sides[0]).polygons, from_plain(ImagePolygons, sides[1]).polygons),
         np.array(content["guided"], np.int64).reshape(-1, 2),
-        points_from_dict(content["points"]),
+        from_plain(PointMatches, content["points"]),
         {stage: float(seconds) for stage, seconds in content["seconds"].items()},
     )
 
