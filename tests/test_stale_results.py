@@ -170,7 +170,7 @@ def test_ctrl_c_says_what_is_kept_and_the_next_run_takes_it(
 ) -> None:
     out, tiles = tmp_path / "deep" / "out", tmp_path / "deep" / "out" / ".zpm2" / "tiles"
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.tiled.run.Run._given", lambda *_: signal.raise_signal(signal.SIGINT))
+        patch.setattr("zpm2.tiled.run.given_regions", lambda *_: signal.raise_signal(signal.SIGINT))
         code, _, err = tiled(run, pair, out)
     assert code == 130
     said = f"zpm2: interrupted; what is finished is kept in {tiles}: run the same command again to go on"
@@ -195,7 +195,7 @@ def test_tiles_of_other_region_files_are_not_taken(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.tiled.run.Run._given", interrupt)
+        patch.setattr("zpm2.tiled.run.given_regions", interrupt)
         assert tiled(run, pair, tmp_path / "out", *more).code == 130
         replace(own)
         assert tiled(run, pair, tmp_path / "out", *more).code == 130

@@ -21,7 +21,6 @@ from zpm2.model import Image, Mask, PointMatches
 from zpm2.polygons.trace import trace
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled import whole as tiled
 from zpm2.tiled import windows
 
 H = np.array([[0.99, 0.05, 40.0], [-0.04, 1.01, 55.0], [-6e-6, 4e-6, 1]])
@@ -314,7 +313,7 @@ def test_a_folder_for_tiles_that_cannot_be_made(tmp_path):
 # --- modes
 
 
-def test_small_pairs_are_matched_as_a_whole_unless_tiles_are_asked_for(monkeypatch):
+def test_small_pairs_are_matched_as_a_whole_unless_tiles_are_asked_for():
     given = scene(470, 400, pitch=70, wide=False)
     results = {}
     for mode in ("off", "auto", "on"):
@@ -324,9 +323,9 @@ def test_small_pairs_are_matched_as_a_whole_unless_tiles_are_asked_for(monkeypat
         assert whole == (mode != "on")
         check(results[mode], given, share=0.9, exact=0.8)
     assert content(results["off"]) == content(results["auto"])
-    monkeypatch.setattr(tiled, "LARGE", 470 * 400 - 1)
     segmenter = ColourSegmenter()
-    large = matcher("tiles.mode=auto", "tiles.size=256", segmenter=segmenter)(given.left, given.right)
+    small = f"tiles.auto_px={470 * 400 - 1}"
+    large = matcher("tiles.mode=auto", "tiles.size=256", small, segmenter=segmenter)(given.left, given.right)
     assert (470, 400) not in segmenter.sizes
     assert content(large) == content(results["on"])
 
