@@ -43,12 +43,13 @@ from match_pairs import environment
 from numpy.typing import NDArray
 
 from zpm2 import MatchResult, config
-from zpm2.api import Matcher, blocks
+from zpm2.api import Matcher
 from zpm2.config import Config
 from zpm2.evaluate.report import table
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import Source, opened
 from zpm2.polygons.repair import mended
+from zpm2.tiled import blocks
 from zpm2.tiled.cells import cells, warped_by_cells
 from zpm2.view.contact import Crop, contact_sheet, crop_window
 
@@ -565,9 +566,9 @@ def _matched(
     unasked = np.zeros(len(fresh[0]), bool), np.zeros(len(fresh[1]), bool)
     with mock.patch.multiple(blocks, **{name: timed(name) for name in PARTS}):
         start = perf_counter()
-        forth = list(cells(fresh[0], result.points, chosen.tiles.size, chosen))
-        carried = warped_by_cells(fresh[0], forth, chosen.local_match.gamma)
-        spent["matches"] = blocks.match_blocks(sources, fresh, unasked, forth, carried, chosen.tiles.size, chosen)
+        forth = list(cells(fresh[0], result.points, chosen))
+        warped = warped_by_cells(fresh[0], forth, chosen.local_match.gamma)
+        spent["matches"] = blocks.match_blocks(blocks.LargePair(sources, fresh, unasked), forth, warped, chosen)
         spent["seconds"] = perf_counter() - start
     return spent
 

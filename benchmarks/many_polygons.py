@@ -31,7 +31,7 @@ from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import opened
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.tiled.blocks import match_blocks
+from zpm2.tiled.blocks import LargePair, match_blocks
 from zpm2.tiled.cells import cells, warped_by_cells
 
 CELL = 40  # px
@@ -125,14 +125,14 @@ def compare_searches(result: MatchResult, photographs: tuple[Path, Path], config
     """Matching in blocks by either search, in turns."""
     left, right = PolygonArrays(result.left.polygons), PolygonArrays(result.right.polygons)
     nothing = np.zeros(len(left), bool), np.zeros(len(right), bool)
-    side, found = config.tiles.size, {}
+    found: dict[str, dict[str, float]] = {}
     with opened(*photographs) as sources:
-        places = list(cells(left, result.points, side, config))
-        carried = warped_by_cells(left, places, config.local_match.gamma)
+        places = list(cells(left, result.points, config))
+        warped = warped_by_cells(left, places, config.local_match.gamma)
         for name in ("pyramid", "fixed") * 2:
             of = assign(config, ["guided.direction=off", f"global_match.search={name}"])
             start = perf_counter()
-            matches = match_blocks(sources, (left, right), nothing, places, carried, side, of)
+            matches = match_blocks(LargePair(sources, (left, right), nothing), places, warped, of)
             seconds = min(perf_counter() - start, found.get(name, {}).get("seconds", np.inf))
             good = sum(match.left == match.right for match in matches)
             found[name] = {"seconds": seconds, "matches": len(matches), "precision": good / max(len(matches), 1)}

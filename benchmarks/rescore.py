@@ -20,7 +20,7 @@ from typing import Any
 from match_pairs import environment
 
 from zpm2 import MatchResult
-from zpm2.evaluate.predictions import Run
+from zpm2.evaluate.predictions import PredictionSettings
 
 TRUTH_FILES = ("file", "file1")
 
@@ -29,7 +29,7 @@ def measure(pair: dict[str, Any], prediction: Path, copies: int, folder: Path) -
     names = [f"{k:05d}" for k in range(copies)]
     (folder / "pairs.json").write_text(json.dumps([{**pair, "name": name} for name in names]))
     out = folder / "out"
-    Run("pairs", None, "zpm2", dict(MatchResult.load(prediction).config)).claim(out)
+    PredictionSettings("pairs", None, "zpm2", dict(MatchResult.load(prediction).config)).claim(out)
     (out / "predictions").mkdir()
     for name in names:
         (out / "predictions" / name).symlink_to(prediction.resolve())

@@ -10,7 +10,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2.evaluate.rendered import Scene
+from zpm2.evaluate.rendered import RenderedScene
 
 CELL = 60  # px, side of the squares that regions are cut at
 STEP = 4.0  # px of disparity, likewise
@@ -32,7 +32,7 @@ Run = Callable[..., Outcome]
 class Pair:
     """The pair as files. Region k of `left_regions` and region k of `right_regions` are one surface."""
 
-    scene: Scene
+    scene: RenderedScene
     left: Path
     right: Path
     left_regions: Path
@@ -45,7 +45,7 @@ class Pair:
         return ["--segmenter", "precomputed", *files, "--points", "sift", "--device", "cpu"]
 
 
-def save_pair(scene: Scene, folder: Path) -> Pair:
+def save_pair(scene: RenderedScene, folder: Path) -> Pair:
     """Writes photographs and label images."""
     labels = regions_of(scene.disparity)
     pair = Pair(scene, *(folder / f"{name}.png" for name in ("left", "right", "left_labels", "right_labels")))
@@ -80,7 +80,7 @@ def photograph(seed: int, width: int = 400, height: int = 240) -> NDArray[np.uin
     return np.asarray(np.clip(out / out.std() * 50 + 128, 0, 255), np.uint8)
 
 
-def _carried(labels: NDArray[np.uint16], scene: Scene) -> NDArray[np.uint16]:
+def _carried(labels: NDArray[np.uint16], scene: RenderedScene) -> NDArray[np.uint16]:
     """The left image's labels as the right camera sees them; 0 where the left one does not."""
     rows, columns = np.indices(labels.shape)
     seen_at = np.floor(columns + 0.5 + scene.disparity_right).astype(np.int64).clip(0, labels.shape[1] - 1)

@@ -8,7 +8,7 @@ from rendered import Pair, Run
 
 from zpm2 import MatchResult
 from zpm2.config import assign, preset
-from zpm2.evaluate.rendered import score
+from zpm2.evaluate.rendered import score_on_disparity
 from zpm2.pipeline import PairMatcher
 
 pytestmark = pytest.mark.weights
@@ -22,7 +22,7 @@ def test_a_rendered_pair_with_the_real_models(run: Run, pair: Pair, tmp_path: Pa
     code, out, err = run("match", pair.left, pair.right, "-o", tmp_path, "--preset", "paper", *settings, "--json")
     assert code == 0, err
     result = MatchResult.load(tmp_path)
-    truth = score(result.left.polygons, result.right.polygons, result.matches, pair.scene.disparity)
+    truth = score_on_disparity(result.left.polygons, result.right.polygons, result.matches, pair.scene.disparity)
     assert truth.good >= 12
     assert truth.precision >= 0.8
     assert truth.coverage >= 0.5

@@ -97,11 +97,11 @@ def test_predictions(pair: Pair, photographs: tuple[Path, Path], tmp_path: Path)
         return matcher.asked - before
 
     assert [predict(), predict()] == [1, 0]
-    assert predictions.is_of(asked, out)
+    assert predictions.is_current(asked, out)
     replace(photographs[0])
-    assert not predictions.is_of(asked, out)
+    assert not predictions.is_current(asked, out)
     assert [predict(), predict()] == [1, 0]
-    assert predictions.is_of(asked, out)
+    assert predictions.is_current(asked, out)
     shutil.copytree(out, tmp_path / "regions")
     assert [predict(tmp_path / "regions"), predict(tmp_path / "regions")] == [1, 0]
     (tmp_path / "regions" / "predictions" / "a" / "matches.json").write_text("{}")
@@ -115,17 +115,17 @@ def test_predictions(pair: Pair, photographs: tuple[Path, Path], tmp_path: Path)
 
 
 def test_predictions_of_other_code_do_not_mix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    predictions.Run("pairs", None, "zpm2", {}).claim(tmp_path)
+    predictions.PredictionSettings("pairs", None, "zpm2", {}).claim(tmp_path)
     monkeypatch.setattr("zpm2.evaluate.predictions.code", lambda: "other")
     with pytest.raises(predictions.InputError, match="with another code"):
-        predictions.Run("pairs", None, "zpm2", {}, code="other").claim(tmp_path)
+        predictions.PredictionSettings("pairs", None, "zpm2", {}, code="other").claim(tmp_path)
 
 
 def test_regions_of_another_photograph(pair: Pair, photographs: tuple[Path, Path], run: Run, tmp_path: Path) -> None:
     entries = [{"name": "a", "left": "left.png", "right": "right.png", "gt": None}]
     (tmp_path / "pairs.json").write_text(json.dumps(entries))
     pairs, first = list(open_dataset("pairs", tmp_path).pairs()), tmp_path / "first"
-    predictions.Run("pairs", None, "zpm2", {}).claim(first)
+    predictions.PredictionSettings("pairs", None, "zpm2", {}).claim(first)
     matcher = Counting(pair)
     predictions.predict(pairs, lambda: lambda p: matcher(p.left, p.right), first, lambda _: None)  # type: ignore
     words = ("eval", "pairs", "--root", tmp_path, "--method", "shape-context", "--regions", first, "-q")
@@ -170,7 +170,7 @@ def test_ctrl_c_says_what_is_kept_and_the_next_run_takes_it(
 ) -> None:
     out, tiles = tmp_path / "deep" / "out", tmp_path / "deep" / "out" / ".zpm2" / "tiles"
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.tiled.run.Run._given", lambda *_: signal.raise_signal(signal.SIGINT))
+        patch.setattr("zpm2.tiled.run.given_regions", lambda *_: signal.raise_signal(signal.SIGINT))
         code, _, err = tiled(run, pair, out)
     assert code == 130
     said = f"zpm2: interrupted; what is finished is kept in {tiles}: run the same command again to go on"
@@ -195,7 +195,7 @@ def test_tiles_of_other_region_files_are_not_taken(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("zpm2.tiled.run.Run._given", interrupt)
+        patch.setattr("zpm2.tiled.run.given_regions", interrupt)
         assert tiled(run, pair, tmp_path / "out", *more).code == 130
         replace(own)
         assert tiled(run, pair, tmp_path / "out", *more).code == 130

@@ -18,8 +18,8 @@ from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress
 from zpm2.segment.protocol import Segmenter
-from zpm2.tiled.run import Run
-from zpm2.tiled.whole import in_tiles, least_areas, match_whole
+from zpm2.tiled.run import TiledRun
+from zpm2.tiled.whole import in_tiles, match_whole, min_areas
 
 METHODS = ("zpm2", "shape-context", "idsc")
 
@@ -59,8 +59,8 @@ class Matcher:
             tiles, said = self._by_tiles(sources)
             if not tiles:
                 return match_whole(self._whole, sources, self.config)
-            least = least_areas(sources, self.config)
-            run = Run(self.config, sources, least, self._whole, self._points, self.progress, self.say, self.kept, said)
+            smallest = min_areas(sources, self.config)
+            run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said)
             return run.result().with_gis_messages()
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:

@@ -47,7 +47,7 @@ def result(left, right, pairs, left_size, right_size=None):
 
 def pixels(polygon, width, height):
     """(height, width) the pixels whose centre lies inside: a ray to the left crosses the outline an odd number of
-    times. The plain reference of `cells.polygon_pixels`."""
+    times. The plain reference of `label_raster.polygon_pixels`."""
     y, x = np.mgrid[:height, :width] + 0.5
     found = np.zeros((height, width), bool)
     for ring in (polygon.exterior, *polygon.holes):

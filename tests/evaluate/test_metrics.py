@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zpm2.errors import InputError
-from zpm2.evaluate.cells import to_cells
 from zpm2.evaluate.ground_truth import from_disparity, mutual_best, overlap
+from zpm2.evaluate.label_raster import rasterize_labels
 from zpm2.evaluate.metrics import (
     area_coverage_ratio,
     area_overlap_ratio,
@@ -44,8 +44,8 @@ def test_counts_by_hand():
 
 
 def test_areas_by_hand():
-    left = to_cells([box(0, 0, 0, 10, 10), box(0, 5, 0, 15, 10), box(0, 40, 40, 60, 60)], *SIZE)
-    right = to_cells([box(0, 0, 0, 20, 10), box(0, 40, 40, 50, 50)], *SIZE)
+    left = rasterize_labels([box(0, 0, 0, 10, 10), box(0, 5, 0, 15, 10), box(0, 40, 40, 60, 60)], *SIZE)
+    right = rasterize_labels([box(0, 0, 0, 20, 10), box(0, 40, 40, 50, 50)], *SIZE)
     assert left.pixels.tolist() == [100, 100, 400]
     assert right.pixels.tolist() == [200, 100]
     scored, true = pairs((0, 0), (1, 1)), pairs((0, 0), (2, 1))

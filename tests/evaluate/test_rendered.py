@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from zpm2.errors import InputError
 from zpm2.evaluate.ground_truth import from_disparity
-from zpm2.evaluate.rendered import Scene, render_scene, score
+from zpm2.evaluate.rendered import RenderedScene, render_scene, score_on_disparity
 from zpm2.evaluate.rendered.scene import BASELINE, EYE, GAIN, PITCH
 from zpm2.evaluate.rendered.still_life import WALL
-from zpm2.evaluate.rendered.surfaces import Ball, Frustum, Patch, box
+from zpm2.evaluate.rendered.surfaces import Frustum, Rectangle, Sphere, box
 from zpm2.model import Polygon, PolygonMatch
 
 BLANK = np.zeros((4, 4, 3), np.uint8)
@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 480, 270
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> RenderedScene:
     return render_scene(0, WIDTH, HEIGHT)
 
 
@@ -99,9 +99,11 @@ def test_every_ray_meets_something(scene):
 
 
 SURFACES = {
-    "patch": Patch(np.array([-0.4, 0.9, 2.5]), np.array([0.8, 0.0, 0.3]), np.array([0.0, -0.7, 0.0]), BLANK),
-    "disc": Patch(np.array([-0.5, 0.5, 3.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), BLANK, round=True),
-    "ball": Ball(np.array([0.2, 0.4, 3.0]), 0.4, np.array([0.6, 0.8, 0.0]), BLANK),
+    "patch": Rectangle(np.array([-0.4, 0.9, 2.5]), np.array([0.8, 0.0, 0.3]), np.array([0.0, -0.7, 0.0]), BLANK),
+    "disc": Rectangle(
+        np.array([-0.5, 0.5, 3.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), BLANK, round=True
+    ),
+    "ball": Sphere(np.array([0.2, 0.4, 3.0]), 0.4, np.array([0.6, 0.8, 0.0]), BLANK),
     "cylinder": Frustum(np.array([0.1, 0.0, 2.8]), 0.6, 0.3, 0.3, BLANK),
     "cone": Frustum(np.array([0.1, 0.2, 2.8]), 0.6, 0.4, 0.15, BLANK),
 }
@@ -152,18 +154,18 @@ def test_score_by_hand():
     disparity = np.full((100, 200), 10.0, np.float32)
     left = [_box(0, 50, 20, 90, 60), _box(1, 100, 20, 140, 60), _box(2, 0, 0, 9, 90)]
     right = [_box(0, 40, 20, 80, 60), _box(1, 110, 20, 150, 60), _box(2, 0, 0, 4, 2)]
-    exact = score(left, right, [_match(0, 0)], disparity)
+    exact = score_on_disparity(left, right, [_match(0, 0)], disparity)
     assert (exact.good, exact.scored, exact.precision) == (1, 1, 1.0)
     assert exact.coverage == pytest.approx(40 * 40 / (100 * 190), rel=0.06)
     # 20 px to the right of where it belongs: 20 of 60 columns in common
-    both = score(left, right, [_match(0, 0), _match(1, 1)], disparity)
+    both = score_on_disparity(left, right, [_match(0, 0), _match(1, 1)], disparity)
     assert (both.good, both.scored, both.precision, both.coverage) == (1, 2, 0.5, exact.coverage)
-    assert score(left, right, [_match(0, 0), _match(1, 1)], disparity, iou=0.3).good == 2
+    assert score_on_disparity(left, right, [_match(0, 0), _match(1, 1)], disparity, iou=0.3).good == 2
     # the left polygon leaves the right image, the right one is too small: nothing to judge
-    assert score(left, right, [_match(2, 2)], disparity).scored == 0
-    assert score(left, right, [], disparity).precision == 0
+    assert score_on_disparity(left, right, [_match(2, 2)], disparity).scored == 0
+    assert score_on_disparity(left, right, [], disparity).precision == 0
     with pytest.raises(InputError, match="match 0 - 9"):
-        score(left, right, [_match(0, 9)], disparity)
+        score_on_disparity(left, right, [_match(0, 9)], disparity)
 
 
 def test_score_leaves_hidden_and_unknown_pixels_out():
@@ -171,14 +173,14 @@ def test_score_leaves_hidden_and_unknown_pixels_out():
     disparity[:, 60:80] = 20  # hides the ground at columns 40 to 59
     ground = Polygon(0, np.array([[30, 0], [60, 0], [60, 40], [30, 40]], float))
     seen = _box(0, 30, 0, 40, 40)
-    assert score([ground], [seen], [_match(0, 0)], disparity, iou=0.85).good == 1
+    assert score_on_disparity([ground], [seen], [_match(0, 0)], disparity, iou=0.85).good == 1
     unknown = np.where(np.arange(100) < 65, np.nan, disparity).astype(np.float32)
-    assert score([ground], [seen], [_match(0, 0)], unknown).scored == 0
+    assert score_on_disparity([ground], [seen], [_match(0, 0)], unknown).scored == 0
 
 
 def test_score_respects_holes():
     disparity = np.zeros((100, 100), np.float32)
     ring = Polygon(0, _box(0, 10, 10, 90, 90).exterior, (_box(0, 20, 20, 80, 80).exterior,))
     full = _box(0, 10, 10, 90, 90)
-    assert score([ring], [ring], [_match(0, 0)], disparity).good == 1
-    assert score([ring], [full], [_match(0, 0)], disparity).good == 0
+    assert score_on_disparity([ring], [ring], [_match(0, 0)], disparity).good == 1
+    assert score_on_disparity([ring], [full], [_match(0, 0)], disparity).good == 0

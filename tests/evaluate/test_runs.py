@@ -94,10 +94,10 @@ def test_an_interruption_loses_the_pair_in_work_only(root: Path, pair: Pair, tmp
 
 
 def test_two_runs_do_not_mix(tmp_path: Path) -> None:
-    run = predictions.Run("pairs", None, "zpm2", SIFT.to_dict())
+    run = predictions.PredictionSettings("pairs", None, "zpm2", SIFT.to_dict())
     run.claim(tmp_path)
     run.claim(tmp_path)
-    other = predictions.Run("pairs", None, "zpm2", preset("default").to_dict())
+    other = predictions.PredictionSettings("pairs", None, "zpm2", preset("default").to_dict())
     with pytest.raises(InputError, match="another config"):
         other.claim(tmp_path)
 
@@ -166,7 +166,7 @@ def test_the_command(run: Run, root: Path, tmp_path: Path) -> None:
 
 def test_regions_of_another_evaluation(run: Run, root: Path, pair: Pair, tmp_path: Path) -> None:
     pairs, first, second = list(open_dataset("pairs", root).pairs())[:2], tmp_path / "first", tmp_path / "second"
-    predictions.Run("pairs", None, "zpm2", SIFT.to_dict()).claim(first)
+    predictions.PredictionSettings("pairs", None, "zpm2", SIFT.to_dict()).claim(first)
     predictions.predict(pairs[:1], Counting(pair).load, first, lambda _: None)
     words = ["eval", "pairs", "--root", root, "-o", second, "--limit", 2, "--method", "shape-context"]
     code, text, err = run(*words, "--regions", first)

@@ -13,8 +13,7 @@ import numpy as np
 from mutate import SIZE
 from samples import Files, Reader, only
 
-from zpm2.evaluate import kept as kept_regions
-from zpm2.evaluate import predictions
+from zpm2.evaluate import predicted_regions, predictions
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.files import record, writing
 from zpm2.files.keys import code, fingerprint
@@ -93,7 +92,7 @@ def _tile(folder: Path) -> None:
 
 def _folders() -> list[Reader]:
     """Output folders that a run goes on in."""
-    run = predictions.Run("pairs", None, "zpm2", {"seed": 0})
+    run = predictions.PredictionSettings("pairs", None, "zpm2", {"seed": 0})
     claimed = {"photographs": {}, "options": vars(Options()), "cameras": None, "code": code()}
     points = 100
     header = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nend_header\n" % points
@@ -110,7 +109,7 @@ def _folders() -> list[Reader]:
     def evaluation(folder: Path) -> None:
         _remember(folder)
         run.claim(folder)
-        kept_regions.KeptRegions(folder)
+        predicted_regions.PredictedRegions(folder)
 
     def claim(folder: Path) -> None:
         _remember(folder)

@@ -121,7 +121,7 @@ def _evaluation(pair: Pair, folder: Path) -> None:
     matcher = PairMatcher(assign(preset("default"), ["points.methods=sift", "device=cpu"]), segmenter=sides)
     result = matcher(pair.left, pair.right)
     result.save(folder / "matches")
-    predictions.Run("pairs", None, "zpm2", {}).claim(folder / "predictions")
+    predictions.PredictionSettings("pairs", None, "zpm2", {}).claim(folder / "predictions")
     pairs = list(open_dataset("pairs", folder).pairs())
     predictions.predict(pairs, lambda: lambda asked: matcher(asked.left, asked.right), folder / "predictions", _mute)
 

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from zpm2 import geometry
-from zpm2.config import PRESETS, GuidedConfig
+from zpm2.config import PRESETS, GuidedConfig, TilesConfig, assign
 from zpm2.global_match import initial_geometry, place, search_candidates
 from zpm2.guided.prior import GuidedPrior
 from zpm2.local_match import match_polygons
@@ -16,12 +16,13 @@ from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 from zpm2.photos.source import InMemoryPhoto
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.tiled import blocks
-from zpm2.tiled.blocks import MARGIN, MOST, layers, match_blocks
+from zpm2.tiled.blocks import LargePair, layers, match_blocks
 from zpm2.tiled.cells import cells, warped_by_cells
 
 PITCH, COLUMNS, ROWS = 88, 10, 7
 WIDTH, HEIGHT = PITCH * COLUMNS, PITCH * ROWS
 SIDE = 256
+BLOCKS = TilesConfig().blocks
 H = np.array([[1.01, 0.03, -18.0], [-0.02, 0.99, 11.0], [1e-5, 0, 1]])
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
 
@@ -106,12 +107,17 @@ def whole(given, config):
     return match_polygons(given.images, given.polygons, initial, locations, candidates, local, guided_prior)
 
 
+def sized(config, side):
+    return dataclasses.replace(config, tiles=dataclasses.replace(config.tiles, size=side))
+
+
 def in_blocks(given, config, side=SIDE, sources=None, guided=None, warped=None, told=lambda share: None):
     left, right = given.polygons
-    found = list(cells(left, given.points, side, config))
+    config = sized(config, side)
+    found = list(cells(left, given.points, config))
     warped = warped or warped_by_cells(left, found, config.local_match.gamma)
     guided = guided or (np.zeros(len(left), bool), np.zeros(len(right), bool))
-    return match_blocks(sources or given.sources, (left, right), guided, found, warped, side, config, told)
+    return match_blocks(LargePair(sources or given.sources, (left, right), guided), found, warped, config, told)
 
 
 def pairs(matches):
@@ -167,14 +173,14 @@ def test_no_more_is_read_than_a_block_needs(scale):
             x0, y0, x1, y1 = window
             assert 0 <= x0 < x1 <= source.width
             assert 0 <= y0 < y1 <= source.height
-            assert max(size) <= MOST * SIDE + 2 * MARGIN + 2
+            assert max(size) <= BLOCKS.max_window * SIDE + 2 * BLOCKS.margin + 2
             assert size != (source.width, source.height)
 
 
-def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts(monkeypatch):
-    monkeypatch.setattr(blocks, "MARGIN", 8)
+def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts():
+    narrow = assign(sized(PRESETS["paper"], SIDE), ["tiles.blocks.margin=8"])
     given = scene()
-    found = list(cells(given.polygons[0], given.points, SIDE, PRESETS["paper"]))
+    found = list(cells(given.polygons[0], given.points, narrow))
     warped = warped_by_cells(given.polygons[0], found, 8)
     shapes = warped.shapes.copy()
     shapes[3] = shapely.affinity.translate(shapes[3], 540, 300)  # of one block
@@ -183,9 +189,9 @@ def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts(monkeypatc
     shapes[20] = shapely.Polygon()
     sources = given.sources
     odd = WarpedPolygons(warped.maps, shapes, warped.own)
-    matches = pairs(in_blocks(given, PRESETS["paper"], sources=sources, warped=odd))
+    matches = pairs(in_blocks(given, narrow, sources=sources, warped=odd))
     for window, size in sources[1].reads:
-        assert max(size) <= MOST * SIDE + 2 * 8 + 2
+        assert max(size) <= BLOCKS.max_window * SIDE + 2 * 8 + 2
         assert window != (0, 0, WIDTH, HEIGHT)
     others = {k: v for k, v in given.truth.items() if k not in (3, 12, 20)}
     assert {k: v for k, v in matches.items() if k not in (3, 12, 20)} == others
@@ -266,5 +272,5 @@ def test_a_size_ratio_beyond_reason_is_not_compared(monkeypatch):
     right = given.polygons[1].polygons
     small = [dataclasses.replace(p, exterior=p.center + (p.exterior - p.center) / 20) for p in right]
     odd = dataclasses.replace(given, polygons=(given.polygons[0], PolygonArrays(small)))
-    monkeypatch.setattr(blocks, "_block", lambda *_: pytest.fail("compared"))
+    monkeypatch.setattr(blocks, "_possible", lambda *_: pytest.fail("compared"))
     assert in_blocks(odd, PRESETS["paper"]) == []

@@ -5,12 +5,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from zpm2.config import TilesConfig
 from zpm2.model import Image, PointMatches
 from zpm2.photos.raster import open_raster
 from zpm2.photos.source import InMemoryPhoto
-from zpm2.tiled.predict import HARDLY, STEPS, Partner, affine, by_georeference, coherent, framed, partner
+from zpm2.tiled import predict
+from zpm2.tiled.predict import PartnerWindow, square_view
 
 WINDOW = (400, 300, 900, 700)
+TILES = TilesConfig()
+
+
+def affine(points, window, noise):
+    return predict.affine_map(points, window, noise, TILES.partner)
+
+
+def by_georeference(window, left, right):
+    return predict.affine_by_georeference(window, left, right, TILES.partner)
+
+
+def coherent(points, noise):
+    return predict.coherent_points(points, noise, TILES.partner)
+
+
+def partner(window, matrix, points, size, margin):
+    return predict.partner_window(window, matrix, points, size, margin, TILES.partner)
 
 
 def similar(degrees=0.0, scale=1.0, shift=(0.0, 0.0)):
@@ -64,7 +83,7 @@ def test_relief_is_coherent():
 
 
 @pytest.mark.parametrize("n", [1, 8])
-def test_few_points_have_no_neighbours_to_ask(n):
+def test_few_points_have_no_neighbours_to_compare_with(n):
     points, _ = matched(n, [similar()], wrong=1.0)
     assert len(coherent(points, 1.0)) == n
     assert len(coherent(PointMatches.empty(), 1.0)) == 0
@@ -158,17 +177,21 @@ spans = st.tuples(st.integers(0, 2000), st.integers(1, 1500))
 
 
 @given(spans, spans, st.floats(1, 3), st.floats(0.3, 3), st.integers(64, 700))
-def test_a_framed_window_holds_the_window_and_has_few_sizes(across, down, reduction, scale, tile):
+def test_a_square_view_holds_the_window_and_has_few_sizes(across, down, reduction, scale, tile):
     size = 3600, 3500
     window = across[0], down[0], sum(across), sum(down)
-    (x0, y0, x1, y1), (width, height) = framed(Partner(window, scale, 0.0), reduction, tile, 0.125, size)
+    (x0, y0, x1, y1), (width, height) = square_view(
+        PartnerWindow(window, scale, 0.0), reduction, size, TilesConfig(size=tile)
+    )
     assert 0 <= x0 <= window[0]
     assert 0 <= y0 <= window[1]
     assert window[2] <= x1 <= size[0]
     assert window[3] <= y1 <= size[1]
-    ratio = max(1.0, reduction * (scale if not 1 / HARDLY < scale < HARDLY else 1.0))
+    ratio = max(
+        1.0, reduction * (scale if not 1 / TILES.partner.same_scale < scale < TILES.partner.same_scale else 1.0)
+    )
     for side, shown, length in ((x1 - x0, width, size[0]), (y1 - y0, height, size[1])):
-        assert side == length or (shown % (tile // STEPS) == 0 and shown >= 1.25 * tile)
+        assert side == length or (shown % (tile // TILES.partner.side_steps) == 0 and shown >= 1.25 * tile)
         assert shown <= side
         assert shown == pytest.approx(side / ratio, abs=1)
     if x1 - x0 < size[0] and y1 - y0 < size[1]:

@@ -8,15 +8,27 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from zpm2.config import Config, SegmentConfig, StitchConfig, VectorizeConfig
 from zpm2.polygons.overlap import overlaps as iou
 from zpm2.polygons.shapes import from_shape
-from zpm2.tiled.stitch import BORDER, Pieces, cut_by_window, stitch, suppress
+from zpm2.tiled import stitch as stitching
+from zpm2.tiled.stitch import RegionPieces, suppress
 from zpm2.tiled.windows import grid
 
 SIZE = 3000, 2000  # width, height
 LEAST = 100.0  # px^2
 SIDE, OVERLAP = 512, 0.125
+BORDER = StitchConfig().border
 TOLERANCE = 2.0  # px, of the windows' borders: BORDER of 512 px is 3
+
+
+def stitch(pieces, size, nms_iou, tolerance, min_area):
+    config = Config(segment=SegmentConfig(nms_iou=nms_iou), vectorize=VectorizeConfig(tolerance=tolerance))
+    return stitching.stitch(pieces, size, config, min_area)
+
+
+def cut_by_window(polygons, window, size):
+    return stitching.cut_by_window(polygons, window, size, StitchConfig())
 
 
 def blob(rng, center, radius, n=24):
@@ -61,7 +73,7 @@ def pieces_of(given, size=SIZE):
         cut.append(cut_by_window(own, window, size))
     scores = 0.5 + 0.5 * np.random.default_rng(0).random(len(polygons))
     polygons = [from_shape(p.shape, k, float(s)) for k, (p, s) in enumerate(zip(polygons, scores, strict=True))]
-    return Pieces(
+    return RegionPieces(
         polygons,
         np.array(tile, np.int64),
         np.concatenate(cut) if cut else np.zeros(0, bool),
@@ -125,7 +137,7 @@ def test_a_grid_of_windows_leaves_no_trace(seed, overlap):
     assert len(found.polygons) == len(wanted)
     assert agreement(found, wanted).min() > 0.98
     assert seams(found, wanted, [window for window, _, _ in given]) < 3
-    assert found.open == 0
+    assert found.incomplete == 0
     assert [p.id for p in found.polygons] == list(range(len(wanted)))
     assert all(p.shape.is_valid for p in found.polygons)
 
@@ -176,14 +188,14 @@ def test_where_tiles_missed_things_no_outline_is_theirs(seed):
     assert min(best) > 0.95  # a small piece with a corner of it may be missing
     assert seams(found, wanted, [window for window, _, _ in given]) < 3
     assert 0.6 * len(wanted) < len(found.polygons) < len(wanted)
-    assert found.open > 0
+    assert found.incomplete > 0
 
 
 def test_two_pieces_that_end_at_one_border_do_not_vouch_for_each_other():
     size, shape = (960, 1000), box(456, 300, 504, 600)  # where the upper two windows overlap
     upper = [((x, 0, x + 512, 512), 1) for x in (0, 448)]
     found = put_together([(w, level, seen([shape], w)) for w, level in upper], size)
-    assert (found.polygons, found.open) == ([], 2)
+    assert (found.polygons, found.incomplete) == ([], 2)
     lower = [((x, 448, x + 512, 960), 1) for x in (0, 448)]
     found = put_together([(w, level, seen([shape], w)) for w, level in upper + lower], size)
     assert agreement(found, [shape]).min() > 0.98
@@ -197,7 +209,7 @@ def test_three_levels_give_what_one_gives():
     assert len(found.polygons) == len(wanted)
     assert agreement(found, wanted).min() > 0.98
     assert seams(found, wanted, grid(*SIZE, SIDE, OVERLAP) + grid(*SIZE, 1536, OVERLAP)) < 3
-    assert found.open == 0
+    assert found.incomplete == 0
 
 
 def test_straight_edges_of_the_scene_stay_even_on_a_border():
@@ -220,7 +232,7 @@ def test_what_is_wider_than_any_tile_stays_as_the_coarser_level_has_it():
     assert any(shape.equals(box(*window)) for window, _, shapes in given[1:] for shape in shapes)  # all lake
     found = put_together(given)
     assert len(found.polygons) == 1
-    assert (found.open, found.united) == (0, 0)
+    assert (found.incomplete, found.united) == (0, 0)
     assert found.polygons[0].shape.equals(coarse)
 
 
@@ -261,7 +273,7 @@ def test_nested_polygons_that_borders_cut_stay_both():
 def test_a_part_of_a_piece_that_is_whole_does_not_stand_for_it():
     yard, house = box(340, 100, 620, 300), box(350, 120, 430, 280)  # of which the first window shows all
     found = put_together(tiled([yard, house]))
-    assert (len(found.polygons), found.united, found.open) == (2, 1, 0)
+    assert (len(found.polygons), found.united, found.incomplete) == (2, 1, 0)
     assert agreement(found, [yard, house]).min() > 0.98
 
 
@@ -276,7 +288,7 @@ def test_pieces_of_what_is_nowhere_whole_are_united(center, radius, tiles):
     given = tiled([shape])
     assert sum(len(shapes) for _, _, shapes in given) >= tiles
     found = put_together(given)
-    assert (len(found.polygons), found.united, found.open) == (1, 1, 0)
+    assert (len(found.polygons), found.united, found.incomplete) == (1, 1, 0)
     assert agreement(found, [shape]).min() > 0.98
     assert seams(found, [shape], [window for window, _, _ in given]) < 3
     scores = [p.score for p in pieces_of(given).polygons]
@@ -286,7 +298,7 @@ def test_pieces_of_what_is_nowhere_whole_are_united(center, radius, tiles):
 def test_windows_that_share_less_than_their_rims():
     left, right, shape = (0, 0, 512, 512), (500, 0, 1012, 512), box(300, 100, 700, 200)
     found = put_together([(w, 1, seen([shape], w)) for w in (left, right)], (1012, 512))
-    assert (len(found.polygons), found.open) == (1, 0)
+    assert (len(found.polygons), found.incomplete) == (1, 0)
     assert agreement(found, [shape]).min() > 0.999
 
 
@@ -303,7 +315,7 @@ def test_a_piece_whose_neighbour_is_missing_goes():
     given = tiled([shape])
     without = [(window, level, shapes if k != 1 else []) for k, (window, level, shapes) in enumerate(given)]
     found = put_together(without)
-    assert (found.polygons, found.open) == ([], 1)
+    assert (found.polygons, found.incomplete) == ([], 1)
 
 
 def test_a_union_that_still_ends_at_a_border_goes():
@@ -311,13 +323,13 @@ def test_a_union_that_still_ends_at_a_border_goes():
     given = [(w, k, [] if w[0] > 1100 else shapes) for w, k, shapes in tiled([strip])]
     found = put_together(given)
     assert found.polygons == []
-    assert found.open == sum(len(shapes) for _, _, shapes in given)
+    assert found.incomplete == sum(len(shapes) for _, _, shapes in given)
 
 
 def test_pieces_that_do_not_agree_are_not_united():
     left, right = (0, 0, 512, 512), (448, 0, 960, 512)
     found = put_together([(left, 1, [box(300, 100, 512, 200)]), (right, 1, [box(448, 180, 700, 280)])], (960, 512))
-    assert (found.polygons, found.open) == ([], 2)
+    assert (found.polygons, found.incomplete) == ([], 2)
 
 
 def test_two_things_of_one_window_are_never_one():
@@ -326,7 +338,7 @@ def test_two_things_of_one_window_are_never_one():
     yard, house = box(200, 100, 512, 300), box(400, 110, 512, 290)
     given = [(left, 1, [yard, house]), (right, 1, [box(448, 100, 700, 300)])]
     found = put_together(given, (960, 512))
-    assert (len(found.polygons), found.united, found.open) == (1, 1, 1)
+    assert (len(found.polygons), found.united, found.incomplete) == (1, 1, 1)
     assert agreement(found, [box(200, 100, 700, 300)]).min() > 0.98
 
 
@@ -353,7 +365,9 @@ def test_what_is_too_small_goes_and_labels_and_guidance_stay():
     named = [dataclasses.replace(p, label="roof", source_id=f"way/{p.id}") for p in given.polygons]
     guided = np.zeros(len(named), bool)
     guided[np.argmax(given.cut)] = True  # one piece of the long one
-    found = stitch(Pieces(named, given.tile, given.cut, guided, given.windows, given.levels), SIZE, 0.7, 1.0, 1000.0)
+    found = stitch(
+        RegionPieces(named, given.tile, given.cut, guided, given.windows, given.levels), SIZE, 0.7, 1.0, 1000.0
+    )
     assert sorted((round(p.area, -3), p.label, bool(g)) for p, g in zip(found.polygons, found.guided, strict=True)) == [
         (10_000, "roof", False),
         (32_000, None, True),
@@ -364,7 +378,7 @@ def test_what_is_too_small_goes_and_labels_and_guidance_stay():
 def test_nothing():
     empty = pieces_of([((0, 0, *SIZE), 0, [])])
     found = stitch(empty, SIZE, 0.7, 1.0, 100.0)
-    assert (found.polygons, found.united, found.open, len(found.guided)) == ([], 0, 0, 0)
+    assert (found.polygons, found.united, found.incomplete, len(found.guided)) == ([], 0, 0, 0)
 
 
 @given(st.randoms(use_true_random=False))
@@ -375,7 +389,7 @@ def test_the_order_of_the_pieces_does_not_matter(random):
     given = pieces_of([((0, 0, *SIZE), 0, [lake, wanted[0]]), *tiled([*wanted, lake])])
     order = list(range(len(given.polygons)))
     random.shuffle(order)
-    moved = Pieces(
+    moved = RegionPieces(
         [given.polygons[k] for k in order],
         given.tile[order],
         given.cut[order],
@@ -384,7 +398,7 @@ def test_the_order_of_the_pieces_does_not_matter(random):
         given.levels,
     )
     one, two = (stitch(pieces, SIZE, 0.7, 1.0, LEAST) for pieces in (given, moved))
-    assert (len(one.polygons), one.united, one.open) == (len(two.polygons), two.united, two.open)
+    assert (len(one.polygons), one.united, one.incomplete) == (len(two.polygons), two.united, two.incomplete)
     assert agreement(two, [p.shape for p in one.polygons]).min() > 0.999
     assert sorted(p.score for p in one.polygons) == sorted(p.score for p in two.polygons)
 

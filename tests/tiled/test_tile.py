@@ -17,7 +17,7 @@ from zpm2.photos.source import InMemoryPhoto, open_source
 from zpm2.result import MatchResult
 from zpm2.tiled import tile as tiles
 from zpm2.tiled.tile import Tile, TileCache
-from zpm2.tiled.view import reduced_size, view
+from zpm2.tiled.view import read_view, reduced_size
 
 WINDOWS = (3, 5, 515, 517), (0, 7, 600, 500)
 
@@ -273,8 +273,8 @@ def test_a_pair_comes_back_in_px_of_the_photographs():
     sources = [InMemoryPhoto(Image(rng.integers(0, 255, (800, 800, 3), np.uint8))) for _ in range(2)]
     windows = (100, 50, 500, 450), (0, 200, 400, 600)
     views = (
-        view(sources[0], windows[0], reduced_size(windows[0], 2.0)),
-        view(sources[1], windows[1], reduced_size(windows[1], 1.0), np.pi / 2),
+        read_view(sources[0], windows[0], reduced_size(windows[0], 2.0)),
+        read_view(sources[1], windows[1], reduced_size(windows[1], 1.0), np.pi / 2),
     )
     square = np.array([[10, 20], [40, 20], [40, 60], [10, 60]], float)
     left = ImagePolygons(200, 200, [Polygon(0, square), Polygon(1, square + 100, (), 0.7)])
@@ -283,7 +283,7 @@ def test_a_pair_comes_back_in_px_of_the_photographs():
     matches = [PolygonMatch(1, 0, 0.9, 1.0, 3, "guided")]
     none = Failed("no")
     result = MatchResult(left, right, matches, points, none, none, {}, {"points": 1.5})
-    tile = tiles.of_pair(1, windows, views, result)
+    tile = tiles.tile_of_pair(1, windows, views, result)
     assert (tile.level, tile.windows, dict(tile.seconds)) == (1, windows, {"points": 1.5})
     assert tile.polygons[0][0].bounds == (120, 90, 180, 170)
     assert tile.polygons[0][1].bounds == (320, 290, 380, 370)
@@ -292,7 +292,7 @@ def test_a_pair_comes_back_in_px_of_the_photographs():
     assert np.allclose(tile.points.right, [[0, 600], [400, 200]])  # turned by 90 degrees from x to y: (0, 0) is below
     assert np.allclose(tile.polygons[1][0].bounds, (20, 560, 60, 590))
     assert tile.guided.tolist() == [[1, 0]]
-    unguided = tiles.of_pair(1, windows, views, dataclasses.replace(result, matches=[]))
+    unguided = tiles.tile_of_pair(1, windows, views, dataclasses.replace(result, matches=[]))
     assert unguided.guided.shape == (0, 2)
 
 
@@ -305,9 +305,9 @@ def test_pixels_that_are_given_with_the_path_of_a_file_are_not_the_file(tmp_path
 
 def test_windows_that_have_nothing_in_common():
     source = InMemoryPhoto(Image(np.zeros((300, 300, 3), np.uint8)))
-    seen = view(source, (100, 100, 300, 300), (100, 100))
+    seen = read_view(source, (100, 100, 300, 300), (100, 100))
     square = Polygon(5, np.array([[10, 10], [20, 10], [20, 20], [10, 20]], float))
-    tile = tiles.apart(1, (None, (100, 100, 300, 300)), [None, (seen, [square])], 0.5)
+    tile = tiles.tile_without_partner(1, (None, (100, 100, 300, 300)), [None, (seen, [square])], 0.5)
     assert list(tile.polygons[0]) == []
     assert [(p.id, p.bounds) for p in tile.polygons[1]] == [(0, (120, 120, 140, 140))]
     assert (len(tile.points), tile.guided.shape, dict(tile.seconds)) == (0, (0, 2), {"detect": 0.5})

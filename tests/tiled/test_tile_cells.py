@@ -11,7 +11,8 @@ from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches, Polygon, PolygonArrays
-from zpm2.tiled.cells import AROUND, MOST, NEIGHBORS, cells, local_geometry, uncertainty, warped_by_cells
+from zpm2.tiled import cells as geometry_cells
+from zpm2.tiled.cells import local_geometry, uncertainty, warped_by_cells
 
 CONFIG = Config()
 SIDE = 256
@@ -19,7 +20,13 @@ MOTIONS = [
     np.array([[1.0, 0.02, 30], [-0.02, 1, 5], [0, 0, 1]]),
     np.array([[0, -0.8, 2000], [0.8, 0, 100], [0, 0, 1.0]]),
 ]
+CELLS = CONFIG.tiles.cells
 HALF = 2000  # px, where one motion ends
+
+
+def cells(arrays, points, side, config):
+    sized = dataclasses.replace(config, tiles=dataclasses.replace(config.tiles, size=side))
+    return geometry_cells.cells(arrays, points, sized)
 
 
 def polygons(boxes):
@@ -95,7 +102,7 @@ def test_where_points_are_few_the_nearest_ones_count():
     near = mosaic(150, low=(1.6 * SIDE, 1.6 * SIDE), high=(1.95 * SIDE, 1.95 * SIDE))
     far = mosaic(500, 1, low=(3000, 0))
     (cell,) = cells(arrays, PointMatches.join([far, near]), SIDE, CONFIG)
-    assert len(cell.initial.points) == AROUND
+    assert len(cell.initial.points) == CELLS.min_points
     assert cell.initial.points.left.max() < 900
     wanted = geometry.project(MOTIONS[0], arrays.centers)
     assert np.abs(geometry.project(cell.initial.homography, arrays.centers) - wanted).max() < 5
@@ -119,9 +126,9 @@ def test_without_points_there_is_no_geometry_and_no_place():
 
 
 def test_many_points_are_thinned_evenly():
-    points = mosaic(5 * MOST + 7)
+    points = mosaic(5 * CELLS.max_points + 7)
     initial = local_geometry(points, CONFIG)
-    assert MOST <= len(initial.points) < 1.5 * MOST
+    assert CELLS.max_points <= len(initial.points) < 1.5 * CELLS.max_points
     assert np.array_equal(initial.points.left, points.left[::5])
 
 
@@ -156,7 +163,9 @@ def test_uncertainty_is_how_far_neighbours_lead_astray(noise):
     none = Failed("none")
     h = np.array([[0.9, 0.1, 300], [-0.1, 1.1, 20], [0, 0, 1]])
     known = InitialGeometry(points, none, h, everything, everything)
-    assert noise < uncertainty(known) < 4 * noise
-    assert uncertainty(known) < uncertainty(InitialGeometry(points, none, none, everything, everything))
-    few = InitialGeometry(points[np.arange(NEIGHBORS)], none, h, everything[:NEIGHBORS], everything[:NEIGHBORS])
-    assert uncertainty(few) == np.inf
+    assert noise < uncertainty(known, CELLS) < 4 * noise
+    assert uncertainty(known, CELLS) < uncertainty(InitialGeometry(points, none, none, everything, everything), CELLS)
+    few = InitialGeometry(
+        points[np.arange(CELLS.neighbors)], none, h, everything[: CELLS.neighbors], everything[: CELLS.neighbors]
+    )
+    assert uncertainty(few, CELLS) == np.inf

@@ -7,9 +7,10 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from zpm2.config import TilesConfig
 from zpm2.model import Image, Polygon
 from zpm2.photos.source import InMemoryPhoto
-from zpm2.tiled.view import UPRIGHT, reduced_size, view
+from zpm2.tiled.view import applied_turn, read_view, reduced_size
 
 WIDTH, HEIGHT = 400, 300
 TURNS = [math.radians(degrees) for degrees in (-170, -90, -45, 30, 90, 180)]
@@ -44,7 +45,7 @@ def inner(bits):
 def test_px_there_and_back(box, reduction, turn):
     x0, y0, width, height = box
     window = x0, y0, x0 + width, y0 + height
-    seen = view(
+    seen = read_view(
         InMemoryPhoto(Image(np.zeros((HEIGHT, WIDTH, 3), np.uint8))), window, reduced_size(window, reduction), turn
     )
     corners = np.array([[x0, y0], [x0 + width, y0], [x0 + width, y0 + height], [x0, y0 + height]], float)
@@ -60,7 +61,7 @@ def test_px_there_and_back(box, reduction, turn):
 @pytest.mark.parametrize("reduction", [1.0, 2.0])
 @pytest.mark.parametrize("turn", [0.0, *TURNS])
 def test_the_pixels_are_those_of_the_place_that_they_map_to(turn, reduction):
-    seen = view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), reduction), turn)
+    seen = read_view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), reduction), turn)
     points = seen.points(centres(seen.image))
     bits = np.ones((seen.image.height, seen.image.width), bool) if seen.image.valid is None else seen.image.valid
     bits = inner(bits).ravel()
@@ -72,7 +73,7 @@ def test_the_pixels_are_those_of_the_place_that_they_map_to(turn, reduction):
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_the_corners_that_a_turn_leaves_empty_are_no_data(turn):
-    seen = view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 1.0), turn)
+    seen = read_view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 1.0), turn)
     points = seen.points(centres(seen.image))
     outside = ((points < [39.4, 19.4]) | (points > [260.6, 180.6])).any(1)
     assert not seen.image.valid.ravel()[outside].any()
@@ -81,17 +82,20 @@ def test_the_corners_that_a_turn_leaves_empty_are_no_data(turn):
     assert (seen.image.path, seen.image.notes) == ("a.png", ("a note",))
 
 
-@pytest.mark.parametrize("turn", [0.0, UPRIGHT, -UPRIGHT, math.radians(7)])
-def test_a_small_turn_leaves_the_pixels_as_they_are(turn):
+@pytest.mark.parametrize("degrees", [0, 20, -20, 7])
+def test_a_small_turn_leaves_the_pixels_as_they_are(degrees):
     source, window = photograph(), (40, 20, 260, 180)
-    seen = view(source, window, reduced_size(window, 1.0), turn)
+    turn = applied_turn(math.radians(degrees), TilesConfig())
+    assert applied_turn(math.radians(21), TilesConfig()) == math.radians(21)
+    assert applied_turn(math.radians(7), TilesConfig(min_turn=5)) == math.radians(7)
+    seen = read_view(source, window, reduced_size(window, 1.0), turn)
     assert np.array_equal(seen.image.rgb, source.image.rgb[20:180, 40:260])
     assert seen.image.valid is None
     assert np.array_equal(seen.to_px, [[1, 0, 40], [0, 1, 20], [0, 0, 1]])
 
 
 def test_a_photograph_is_not_enlarged():
-    seen = view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 0.5))
+    seen = read_view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 0.5))
     assert (seen.image.width, seen.image.height) == (220, 160)
 
 
@@ -99,7 +103,7 @@ def test_a_photograph_is_not_enlarged():
 def test_pixels_without_data_stay_so(turn):
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, 100:150] = False
-    seen = view(photograph(valid), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 1.0), turn)
+    seen = read_view(photograph(valid), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 1.0), turn)
     points = seen.points(centres(seen.image))
     x, y = points.T
     gap, rest = (x > 101) & (x < 149), ((x < 99) | (x > 151)) & (x > 41) & (x < 259) & (y > 21) & (y < 179)
@@ -109,7 +113,7 @@ def test_pixels_without_data_stay_so(turn):
 
 @pytest.mark.parametrize("turn", [0.0, *TURNS])
 def test_a_polygon_comes_back_with_all_that_is_known_of_it(turn):
-    seen = view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 2.0), turn)
+    seen = read_view(photograph(), (40, 20, 260, 180), reduced_size((40, 20, 260, 180), 2.0), turn)
     ring, hole = np.array([[30, 30], [60, 30], [60, 60], [30, 60]], float), np.array([[40, 40], [40, 50], [50, 50]])
     polygon = Polygon(7, ring, (hole.astype(float),), 0.75, 3, "roof", "way/1", {"name": "Hof"})
     moved = seen.polygon(polygon, 5)
@@ -122,4 +126,4 @@ def test_a_polygon_comes_back_with_all_that_is_known_of_it(turn):
 
 
 def test_no_points():
-    assert view(photograph(), (40, 20, 260, 180), (110, 80)).points(np.zeros((0, 2))).shape == (0, 2)
+    assert read_view(photograph(), (40, 20, 260, 180), (110, 80)).points(np.zeros((0, 2))).shape == (0, 2)

@@ -286,7 +286,7 @@ def demo(
     import cv2
 
     from zpm2.api import Matcher
-    from zpm2.evaluate.rendered import render_scene, score
+    from zpm2.evaluate.rendered import render_scene, score_on_disparity
     from zpm2.files.writing import atomic_write
     from zpm2.formats.saving import file_names
 
@@ -303,7 +303,7 @@ def demo(
         matcher = Matcher(config, progress=progress, say=say)
         result = matcher(out / names[0], out / names[1])
         result.save(out)
-    truth = score(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
+    truth = score_on_disparity(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
     _report(result, out, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
     if not (quiet or as_json):
         print(

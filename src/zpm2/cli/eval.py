@@ -30,9 +30,9 @@ from zpm2.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from zpm2.config import Config
-    from zpm2.evaluate.kept import KeptRegions
     from zpm2.evaluate.pairs import EvalPair
-    from zpm2.evaluate.predictions import Matcher, Posed
+    from zpm2.evaluate.predicted_regions import PredictedRegions
+    from zpm2.evaluate.predictions import FindPose, MatchPair
     from zpm2.pose import PoseResult
     from zpm2.result import MatchResult
 
@@ -83,7 +83,7 @@ def evaluate(
     """
     from zpm2.evaluate import predictions, report
     from zpm2.evaluate.datasets import open_dataset
-    from zpm2.evaluate.kept import KeptRegions
+    from zpm2.evaluate.predicted_regions import PredictedRegions
 
     check_method(method)
     allow_vrt(allowed)
@@ -97,12 +97,12 @@ def evaluate(
     names = [predictions.RUN, predictions.PREDICTIONS, *report.names(parquet)]
     with fresh_folder(out, names=names, kept=predictions.PREDICTIONS):
         if not score_only:
-            kept = KeptRegions(regions) if regions else None
+            kept = PredictedRegions(regions) if regions else None
             source = str(regions.resolve()) if regions else None
-            predictions.Run(dataset, split, method, config.to_dict(), source).claim(out)
-            posed = _posed(config) if method == "zpm2" else lambda pair, result: None
+            predictions.PredictionSettings(dataset, split, method, config.to_dict(), source).claim(out)
+            find_pose = _pose_finder(config) if method == "zpm2" else lambda pair, result: None
             matcher = functools.partial(_matcher, method, config, kept)
-            predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), posed, regions)
+            predictions.predict(pairs, matcher, out, functools.partial(tell, "matched"), find_pose, regions)
         tell = _teller(len(pairs), quiet)
         rows = report.collect(pairs, out, lambda text: tell("scored", text))
         made_by = shlex.join(["zpm2", *sys.argv[1:]])
@@ -119,19 +119,19 @@ def evaluate(
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
 
-def _matcher(method: str, config: "Config", kept: "KeptRegions | None") -> "Matcher":
+def _matcher(method: str, config: "Config", kept: "PredictedRegions | None") -> "MatchPair":
     """The method as a function of a pair of a data set."""
     match = open_method(method, config, segmenter=kept.sides if kept else None)
 
     def of(pair: "EvalPair") -> "MatchResult":
         if kept:
-            kept.turn_to(pair)
+            kept.set_pair(pair)
         return match(pair.left, pair.right)
 
     return of
 
 
-def _posed(config: "Config") -> "Posed":
+def _pose_finder(config: "Config") -> "FindPose":
     """The pose of a pair of which the cameras are known."""
     from zpm2.evaluate.pairs import PoseTruth
     from zpm2.evaluate.report import cameras_of

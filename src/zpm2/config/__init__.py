@@ -8,7 +8,7 @@ from zpm2.config.cloud import CloudConfig
 from zpm2.config.global_match import GlobalConfig
 from zpm2.config.load import OPTIONS, assign, load, with_options
 from zpm2.config.local_match import GuidedConfig, LocalConfig
-from zpm2.config.photos import RasterConfig, TilesConfig
+from zpm2.config.photos import BlocksConfig, CellsConfig, PartnerConfig, RasterConfig, StitchConfig, TilesConfig
 from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import PoseConfig
 from zpm2.config.presets import PRESETS, preset
@@ -18,16 +18,20 @@ from zpm2.config.whole import Config, choices, describe
 __all__ = [
     "OPTIONS",
     "PRESETS",
+    "BlocksConfig",
+    "CellsConfig",
     "CloudConfig",
     "Config",
     "GlobalConfig",
     "GuidedConfig",
     "LocalConfig",
+    "PartnerConfig",
     "PointsConfig",
     "PoseConfig",
     "RasterConfig",
     "RotatedRetryConfig",
     "SegmentConfig",
+    "StitchConfig",
     "TilesConfig",
     "VectorizeConfig",
     "assign",

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from zpm2.config.fields import number, option, share
@@ -49,16 +49,98 @@ class RasterConfig:
 
 
 @dataclass(frozen=True)
+class PartnerConfig:
+    """Which window of the right photograph shows what a left tile shows."""
+
+    neighbors: int = number(8, "of a point; it is kept if half of them move with it", low=2, high=1000)
+    max_spread: float = number(
+        2.0, "of the distances of neighbours, in the scale that the extents of all points lead to", low=1
+    )
+    min_points: int = number(12, "for the affine map of a window", low=3)
+    enough_points: int = number(60, "in a window; where it has fewer, the nearest ones beside it help", low=3)
+    min_agreeing: float = share(0.3, "of these points, with the affine map")
+    noise: float = share(0.02, "of a window's side, by which relief moves points from an affine map")
+    max_scale: float = number(8.0, "right px per left px, or the reverse, of a map that is believed", low=1)
+    same_scale: float = number(1.1, "right px per left px up to which both tiles have the same scale", low=1)
+    min_shared: float = share(0.02, "of a mapped window that must lie in the right photograph")
+    georeference_margin: float = number(0.5, "around a window that only georeferences place", unit="of its side")
+    max_first_share: float = share(
+        0.25, "of the right photograph, up to which the first tile is compared with that part alone"
+    )
+    min_side: int = number(64, "of the right view; a smaller one is no partner", unit="px of the view", low=1)
+    side_steps: int = number(4, "in a tile's side: the sides of right views are multiples of one", low=1, high=64)
+
+
+@dataclass(frozen=True)
+class CellsConfig:
+    """The geometry of a large scene, cell by cell."""
+
+    polygons_across: int = number(4, "of the largest size, along the side of a cell", low=1, high=1000)
+    min_points: int = number(100, "inside of half a cell around it; where there are fewer, the nearest ones", low=2)
+    max_distance: float = number(1.5, "of these nearest ones from its middle", unit="cells", above=True)
+    max_points: int = number(2000, "that F and H are estimated from", low=8)
+    affine_noise: float = share(
+        0.02, "threshold of the affine map, where no homography holds, of the extent of the points"
+    )
+    neighbors: int = number(8, "of a point, whose motion predicts its own", low=1, high=1000)
+
+
+@dataclass(frozen=True)
+class BlocksConfig:
+    """Matching of the stitched regions, block by block."""
+
+    margin: int = number(64, "around the polygons of a block, for the search windows", unit="px of the block")
+    max_size_ratio: float = number(4.0, "of two polygons' longer sides that are compared", low=1)
+    max_window: float = number(1.5, "of the right photograph, for a block", unit="sides of a cell", above=True)
+
+
+@dataclass(frozen=True)
+class StitchConfig:
+    """Regions of overlapping tiles as the regions of one photograph."""
+
+    border: float = share(
+        1.5 / 256, "of a tile's longer side: a region so near to a border is cut by it", source="1.5 px of SAM's masks"
+    )
+    min_border: float = number(2.0, "the same at least", unit="px")
+    trim: float = number(4.0, "rim of a tile where the neighbour's outline is taken", unit="borders")
+    min_agreement: float = share(0.6, "IoU of what two tiles show of one region")
+    min_trimmed: float = share(0.9, "of a united region that must be left without the rims, else they stay")
+    min_continued: float = share(0.8, "of a region along a border that the neighbours must show")
+
+
+@dataclass(frozen=True)
 class TilesConfig:
     """Large photographs, seen in overlapping tiles of several scales."""
 
-    mode: Literal["off", "on", "auto"] = option("off", "auto: where one has more than `raster.large_px`, or is thin")
+    mode: Literal["off", "on", "auto"] = option(
+        "off", "auto: where a photograph has more than `raster.large_px`, or is thin, or memory is short"
+    )
     size: int = number(
         2048,
-        "side of the finest tiles; each level above has tiles three times as wide",
+        "side of the finest tiles; those of each level above are `step` times as wide",
         unit="px",
         low=256,
         high=32_768,
     )
     overlap: float = share(0.125, "of a tile's side that neighbouring tiles have in common at least", high=0.5)
+    step: int = number(3, "width of a level's tiles, in tiles of the next finer level", low=2, high=64)
+    min_tiles: float = number(1.25, "along the photograph's longer side; a level with fewer is left out", low=1)
     outside: bool = option(True, "also segment what only one of the photographs shows")
+    min_unseen: float = share(0.25, "of a right tile that no left tile led to, from which it is segmented alone")
+    min_data: float = share(0.01, "of a tile that must show something")
+    min_turn: float = number(
+        20.0, "smaller turns between the photographs are left to the point matcher", unit="degrees", high=180
+    )
+    min_region: float = number(
+        100.0, "smallest region of a tile, unless `segment.min_area` is smaller", unit="px^2 of the tile as it is seen"
+    )
+    overview: int = number(2400, "longer side of the pixels that a result keeps", unit="px", low=64)
+    merge_px: float = number(2.0, "matched points of two tiles that are closer in both photographs are one", unit="px")
+    coarse_distance: float = number(
+        0.125, "from the finer points, within which coarser ones are left out", unit="sides of a tile"
+    )
+    max_points: int = number(10_000, "that F and H of the whole pair are estimated from", low=8)
+    partner: PartnerConfig = field(default_factory=PartnerConfig)
+    cells: CellsConfig = field(default_factory=CellsConfig)
+    blocks: BlocksConfig = field(default_factory=BlocksConfig)
+    stitch: StitchConfig = field(default_factory=StitchConfig)

@@ -1,4 +1,4 @@
-"""What matches are worth: data sets, ground truth, metrics."""
+"""How good matches are: data sets, ground truth, metrics."""
 
 from zpm2.evaluate.ground_truth import CoVisible, Overlap, center_pairs, covisible, mutual_best, overlap
 from zpm2.evaluate.metrics import Scores, score, score_centers, scores

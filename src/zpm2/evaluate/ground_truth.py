@@ -1,7 +1,7 @@
 """Which polygons correspond: from disparity, from depth and pose, or from a homography.
 
 Two protocols. `overlap` and `mutual_best` are dense: polygons are compared over all points that both images see, as a
-mask is compared with a mask; this is what our tables use. `center_pairs` is the paper's (its section "Metric for
+mask is compared with a mask; our tables use these. `center_pairs` is the paper's (its section "Metric for
 polygon matching", Eq. gt): the centres of two polygons must project onto each other.
 """
 
@@ -16,24 +16,25 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from zpm2 import geometry
 from zpm2.errors import InputError
-from zpm2.evaluate.cells import Cells, Rows, to_cells
+from zpm2.evaluate.label_raster import LabelRaster, Rows, rasterize_labels
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth, Truth
 from zpm2.formats.maps import read_disparity, read_map
-from zpm2.geometry import project
 from zpm2.model import Polygon, PolygonArrays
 
+# Constants of the protocol: they decide which matches are judged, so other values give other scores.
 MIN_POINTS = 20  # co-visible points in either polygon, below which a pair cannot be judged
 MIN_DENSITY = 0.25  # of the average number of co-visible points per pixel of the left image, likewise
 OCCLUSION_DISPARITY = 1.0  # px of disparity by which a nearer point hides another
 OCCLUSION_DEPTH = 1.02  # ratio of depths from which on the nearer point hides the other
 DEPTH_TOLERANCE = (0.03, 0.02)  # share of the depth, and m, by which a point may miss the right image's depth map
-CENTER_TOLERANCE = 0.1  # the paper's lambda, as a share of a polygon's side sqrt(area)
-_BLOCK = 1 << 20  # points handled at once, to keep memory low
+CENTER_TOLERANCE = 0.1  # lambda of the paper, as a share of a polygon's side sqrt(area)
+_BLOCK = 1 << 20  # points at once, to bound the memory
 
 Array = NDArray[np.float64]
-_Carried = tuple[Array, Array, Array]  # left (k, 2), right (k, 2), nearness (k,)
-_Carry = Callable[[slice], _Carried]  # of a slice of image rows
+_Projected = tuple[Array, Array, Array]  # left (k, 2), right (k, 2), nearness (k,)
+_Project = Callable[[slice], _Projected]  # of a slice of image rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +56,8 @@ def covisible(truth: Truth, left_size: tuple[int, int], right_size: tuple[int, i
     """The points that both images see. Sizes are (width, height) px of the images.
 
     Points that leave the right image do not count, and neither do those that are hidden there: see `from_disparity` and
-    `from_depth` for the rule. `InputError` as from `read_map` for a file that cannot be used, and for a truth that says
-    nothing about single points (a pose without depth).
+    `from_depth` for the rule. `InputError` as from `read_map` for a file that cannot be used, and for a truth that
+    does not cover single points (a pose without depth).
     """
     if isinstance(truth, DisparityTruth):
         return from_disparity(read_disparity(truth.file, left_size, truth.scale, truth.sign), right_size)
@@ -91,13 +92,13 @@ def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, 
     below, above = np.count_nonzero(disparity < 0), np.count_nonzero(disparity > 0)
     toward = -1.0 if below > above else 1.0  # the sign of disparities of what is near
 
-    def carry(rows: slice) -> _Carried:
+    def project(rows: slice) -> _Projected:
         left, d = _known(disparity, rows)
         right = left.copy()
         right[:, 0] -= d
         return left, right, toward * d
 
-    return _unhidden(carry, disparity.shape, right_size, lambda near, nearest: near >= nearest - OCCLUSION_DISPARITY)
+    return _unhidden(project, disparity.shape, right_size, lambda near, nearest: near >= nearest - OCCLUSION_DISPARITY)
 
 
 def from_depth(
@@ -106,7 +107,7 @@ def from_depth(
     right_size: tuple[int, int],
     right_depth: NDArray[np.floating[Any]] | None = None,
 ) -> CoVisible:
-    """Co-visible points of two calibrated views; only the cameras of `cameras` are looked at.
+    """Co-visible points of two calibrated views; only the cameras of `cameras` are used.
 
     depth, right_depth: (h, w) metres along the optical axis, not finite where unknown. A point is hidden if it misses
     the right depth map by more than 3 % + 2 cm, or the map has no value there; without a map, if another point in the
@@ -116,7 +117,7 @@ def from_depth(
     rotate = right_intrinsics @ cameras.pose[:3, :3] @ np.linalg.inv(left_intrinsics)
     shift = right_intrinsics @ cameras.pose[:3, 3]
 
-    def carry(rows: slice) -> _Carried:
+    def project(rows: slice) -> _Projected:
         left, z = _known(depth, rows)
         seen = np.c_[left, np.ones(len(left))] @ rotate.T * z[:, None] + shift
         front = seen[:, 2] > 1e-6
@@ -124,10 +125,10 @@ def from_depth(
         return left, seen[:, :2] / seen[:, 2:], -seen[:, 2]
 
     if right_depth is None:
-        return _unhidden(carry, depth.shape, right_size, lambda near, nearest: near >= nearest * OCCLUSION_DEPTH)
+        return _unhidden(project, depth.shape, right_size, lambda near, nearest: near >= nearest * OCCLUSION_DEPTH)
 
-    def agreeing(rows: slice) -> _Carried:
-        left, right, nearness = _inside(carry(rows), right_size)
+    def agreeing(rows: slice) -> _Projected:
+        left, right, nearness = _inside(project(rows), right_size)
         expected = right_depth.ravel()[_pixel(right, right_size)]
         share, metres = DEPTH_TOLERANCE
         return _kept((left, right, nearness), np.abs(nearness + expected) < share * expected + metres)
@@ -139,11 +140,11 @@ def from_homography(matrix: Array, left_size: tuple[int, int], right_size: tuple
     """Co-visible points of a plane, or of a camera that only turned: those that fall into the right image."""
     everywhere = np.broadcast_to(np.zeros(1), left_size[::-1])
 
-    def carry(rows: slice) -> _Carried:
+    def project(rows: slice) -> _Projected:
         left, nearness = _known(everywhere, rows)
-        return left, project(matrix, left), nearness
+        return left, geometry.project(matrix, left), nearness
 
-    return _gathered(carry, everywhere.shape, right_size)
+    return _gathered(project, everywhere.shape, right_size)
 
 
 def _known(values: NDArray[np.floating[Any]], rows: slice) -> tuple[Array, Array]:
@@ -153,26 +154,26 @@ def _known(values: NDArray[np.floating[Any]], rows: slice) -> tuple[Array, Array
 
 
 def _unhidden(
-    carry: _Carry, shape: tuple[int, ...], right_size: tuple[int, int], seen: Callable[[Array, Array], Any]
+    project: _Project, shape: tuple[int, ...], right_size: tuple[int, int], seen: Callable[[Array, Array], Any]
 ) -> CoVisible:
-    """Carried points that pass a z-buffer of the right image's pixels: `seen(nearness, greatest nearness there)`."""
+    """Projected points that pass a z-buffer of the right image's pixels: `seen(nearness, greatest nearness there)`."""
     nearest = np.full(right_size[0] * right_size[1], -np.inf)
     for rows in _blocks(shape):
-        _, right, nearness = _inside(carry(rows), right_size)
+        _, right, nearness = _inside(project(rows), right_size)
         np.maximum.at(nearest, _pixel(right, right_size), nearness)
 
-    def visible(rows: slice) -> _Carried:
-        left, right, nearness = _inside(carry(rows), right_size)
+    def visible(rows: slice) -> _Projected:
+        left, right, nearness = _inside(project(rows), right_size)
         return _kept((left, right, nearness), seen(nearness, nearest[_pixel(right, right_size)]))
 
     return _gathered(visible, shape, right_size)
 
 
-def _gathered(carry: _Carry, shape: tuple[int, ...], right_size: tuple[int, int]) -> CoVisible:
+def _gathered(project: _Project, shape: tuple[int, ...], right_size: tuple[int, int]) -> CoVisible:
     left, right = np.empty((shape[0] * shape[1], 2)), np.empty((shape[0] * shape[1], 2))
     n = 0
     for rows in _blocks(shape):
-        here, there, _ = _inside(carry(rows), right_size)
+        here, there, _ = _inside(project(rows), right_size)
         left[n : n + len(here)], right[n : n + len(here)] = here, there
         n += len(here)
     return CoVisible(left[:n], right[:n])
@@ -183,15 +184,15 @@ def _blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     return (slice(start, min(start + step, shape[0])) for start in range(0, shape[0], step))
 
 
-def _inside(carried: _Carried, size: tuple[int, int]) -> _Carried:
-    x, y = carried[1].T
-    return _kept(carried, (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
+def _inside(projected: _Projected, size: tuple[int, int]) -> _Projected:
+    x, y = projected[1].T
+    return _kept(projected, (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1]))
 
 
-def _kept(carried: _Carried, chosen: NDArray[np.bool_]) -> _Carried:
+def _kept(projected: _Projected, chosen: NDArray[np.bool_]) -> _Projected:
     if chosen.all():
-        return carried
-    left, right, nearness = (np.compress(chosen, values, axis=0) for values in carried)
+        return projected
+    left, right, nearness = (np.compress(chosen, values, axis=0) for values in projected)
     return left, right, nearness
 
 
@@ -207,8 +208,8 @@ class Overlap:
     Pairs of polygons are (k, 2) rows: `left[i]` with `right[j]`, whatever their ids.
     """
 
-    left: Cells
-    right: Cells
+    left: LabelRaster
+    right: LabelRaster
     counts: Any  # (m, m') scipy.sparse csr_array: co-visible points in each pair of cells
 
     @property
@@ -266,7 +267,7 @@ def overlap(
     right_size: tuple[int, int],
 ) -> Overlap:
     """The overlaps of all left with all right polygons over the co-visible points. Sizes are (width, height) px."""
-    first, second = to_cells(left, *left_size), to_cells(right, *right_size)
+    first, second = rasterize_labels(left, *left_size), rasterize_labels(right, *right_size)
     shape = len(first.sizes), len(second.sizes)
     counts = scipy.sparse.csr_array(shape, dtype=np.int64)
     for start in range(0, len(points), _BLOCK):
@@ -316,8 +317,8 @@ def center_pairs(
     these are why the dense protocol is the one in our tables.
     """
     first, second = PolygonArrays(left), PolygonArrays(right)
-    there = _apart(_projected(first.centers, points, left_size), second, tolerance)
-    back = _apart(_projected(second.centers, points.swapped(), right_size), first, tolerance).T
+    there = _apart(_project_centers(first.centers, points, left_size), second, tolerance)
+    back = _apart(_project_centers(second.centers, points.swapped(), right_size), first, tolerance).T
     if not there.size:
         return np.zeros((0, 2), np.intp)
     near = (there <= 1) & (back <= 1)
@@ -333,7 +334,7 @@ def _apart(projected: Array, polygons: PolygonArrays, tolerance: float) -> Array
     return np.where(np.isnan(distance), np.inf, distance / (tolerance * np.sqrt(polygons.areas)))
 
 
-def _projected(centers: Array, points: CoVisible, size: tuple[int, int], reach: int = 2) -> Array:
+def _project_centers(centers: Array, points: CoVisible, size: tuple[int, int], reach: int = 2) -> Array:
     """(n, 2) where centres lie in the other image, by the nearest co-visible point within `reach` px; NaN if none."""
     width, height = size
     index = np.full(width * height, -1, np.int32)  # of the last point in each pixel
@@ -348,5 +349,5 @@ def _projected(centers: Array, points: CoVisible, size: tuple[int, int], reach: 
         return np.full(centers.shape, np.nan)
     off = np.where(found >= 0, np.linalg.norm(points.left[found] - centers[:, None], axis=2), np.inf)
     nearest = np.take_along_axis(found, off.argmin(axis=1)[:, None], axis=1)[:, 0]
-    carried = points.right[nearest] + centers - points.left[nearest]
-    return np.where(np.isfinite(off.min(axis=1))[:, None], carried, np.nan)
+    moved = points.right[nearest] + centers - points.left[nearest]
+    return np.where(np.isfinite(off.min(axis=1))[:, None], moved, np.nan)

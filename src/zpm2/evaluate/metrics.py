@@ -1,8 +1,8 @@
-"""How good matches are: each metric with its definition and unit, and `score`, which takes them all of one result.
+"""How good matches are: each metric with its definition and unit, and `score`, which computes all of one result.
 
 Pairs of polygons are (k, 2) rows into the lists of left and right polygons. "Scored" matches are those that the ground
-truth can judge (`Overlap.enough`); sky without lidar and areas seen once count for nothing. "Good" ones reach an IoU of
-t over the co-visible points. The numbers of an image are on its pixels, by the rule of `cells.polygon_pixels`.
+truth can judge (`Overlap.enough`); sky without lidar and areas seen once do not count. "Good" ones reach an IoU of t
+over the co-visible points. Areas are pixels of the image, by the rule of `label_raster.polygon_pixels`.
 """
 
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.evaluate.cells import Cells, Rows
 from zpm2.evaluate.ground_truth import CoVisible, Overlap, center_pairs, covisible, mutual_best, overlap
+from zpm2.evaluate.label_raster import LabelRaster, Rows
 from zpm2.evaluate.pairs import Truth
 from zpm2.model import Polygon, PolygonMatch
 from zpm2.result import MatchResult
 
-THRESHOLDS = (0.4, 0.5, 0.8)  # IoU, the paper's MAS 40, 50 and 80
-SMALL = 0.05  # of the left image, the largest polygon that CCR5 counts
+IOU_THRESHOLDS = (0.4, 0.5, 0.8)  # IoU, the paper's MAS 40, 50 and 80
+SMALL_SHARE = 0.05  # of the left image: the largest polygon that CCR5 counts, part of its definition
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def score(result: MatchResult, truth: Truth | CoVisible, t: float = 0.5) -> Scor
 
 
 def scores(
-    result: MatchResult, truth: Truth | CoVisible, thresholds: Sequence[float] = THRESHOLDS
+    result: MatchResult, truth: Truth | CoVisible, thresholds: Sequence[float] = IOU_THRESHOLDS
 ) -> tuple[Scores, ...]:
-    """`score` at several thresholds, for hardly more than the time of one."""
+    """`score` at several thresholds, in little more time than for one."""
     overlaps, _ = _measured(result, truth)
     matches = match_rows(result.left.polygons, result.right.polygons, result.matches)
     return tuple(score_overlap(overlaps, matches, t) for t in thresholds)
@@ -70,7 +70,7 @@ def score_overlap(overlaps: Overlap, matches: Rows, t: float) -> Scores:
 
 
 def score_centers(result: MatchResult, truth: Truth | CoVisible) -> Scores:
-    """All metrics by the paper's ground truth, `center_pairs`; `iou` is None. Good is what is among the true pairs."""
+    """All metrics by the paper's ground truth, `center_pairs`; `iou` is None. Good matches are true pairs."""
     overlaps, points = _measured(result, truth)
     left, right = result.left, result.right
     sizes = (left.width, left.height), (right.width, right.height)
@@ -107,24 +107,24 @@ def f1(precision: float, recall: float) -> float:
     return 2 * precision * recall / max(precision + recall, 1e-9)
 
 
-def matching_area_score(left: Cells, right: Cells, scored: Rows, true: Rows) -> float:
+def matching_area_score(left: LabelRaster, right: LabelRaster, scored: Rows, true: Rows) -> float:
     """MAS (paper, "Matching area score"), 0..1: IoU of the matched with the truly matchable area, mean of both images.
 
     In each image the IoU of the union of all scored polygons with the union of all true ones, in pixels; 0 where both
-    are empty. It does not ask whether the right partners were found: read it beside precision.
+    are empty. It does not depend on the partners being right: read it beside precision.
     """
     return 0.5 * (_area_iou(left, scored[:, 0], true[:, 0]) + _area_iou(right, scored[:, 1], true[:, 1]))
 
 
-def area_coverage_ratio(left: Cells, scored: Rows, true: Rows) -> float:
+def area_coverage_ratio(left: LabelRaster, scored: Rows, true: Rows) -> float:
     """ACR (paper, "Area coverage ratio"): area of the scored left polygons / area of the true left polygons, px / px.
 
-    Above 1 where more is matched than is true. Where nothing is true it is no ratio: the divisor is then 1 px.
+    Above 1 where more is matched than is true. Where nothing is true the divisor is 1 px.
     """
     return int(left.pixels[scored[:, 0]].sum()) / max(int(left.pixels[true[:, 0]].sum()), 1)
 
 
-def area_overlap_ratio(left: Cells, right: Cells, scored: Rows) -> float:
+def area_overlap_ratio(left: LabelRaster, right: LabelRaster, scored: Rows) -> float:
     """AOR, 0..1: share of the image that lies in scored polygons, mean of both images.
 
     The paper's description of MESA's Area of Overlap Ratio ("matched area against the total image area"), which rewards
@@ -146,7 +146,7 @@ def correct_coverage(overlaps: Overlap, good: Rows) -> float:
 
 def _scores(overlaps: Overlap, scored: Rows, good: Rows, true: Rows, matches: int, t: float | None) -> Scores:
     left, right = overlaps.left, overlaps.right
-    small = left.pixels[good[:, 0]] <= SMALL * left.labels.size
+    small = left.pixels[good[:, 0]] <= SMALL_SHARE * left.labels.size
     p, r = precision(len(good), len(scored)), recall(scored, true)
     return Scores(
         iou=t,
@@ -181,6 +181,6 @@ def _among(pairs: Rows, others: Rows) -> NDArray[np.bool_]:
     return np.array([tuple(pair) in known for pair in pairs.tolist()], bool)
 
 
-def _area_iou(cells: Cells, first: Rows, second: Rows) -> float:
+def _area_iou(cells: LabelRaster, first: Rows, second: Rows) -> float:
     a, b = cells.union(first), cells.union(second)
     return int(cells.sizes[a & b].sum()) / max(int(cells.sizes[a | b].sum()), 1)

@@ -1,4 +1,4 @@
-"""What an evaluation looks at: pairs of photographs and what is known about them. Nothing is read before it is asked.
+"""What an evaluation reads: pairs of photographs and what is known about them. Files are read when they are needed.
 
 Intrinsics are ours: pixel centres at +0.5. Loaders convert what their data set writes.
 """
@@ -65,5 +65,5 @@ class Dataset(Protocol):
     name: str
 
     def pairs(self) -> Iterator[EvalPair]:
-        """Its pairs, in a fixed order. `InputError` names the file that was looked for where something is missing."""
+        """Its pairs, in a fixed order. `InputError` with the name of a file that is missing."""
         ...

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-THRESHOLDS = (5.0, 10.0, 20.0)  # degrees
+AUC_DEGREES = (5.0, 10.0, 20.0)  # degrees
 
 
 def pose_error(rotation: Array, translation: Array, truth: Array) -> tuple[float, float]:
@@ -34,7 +34,7 @@ def pose_error(rotation: Array, translation: Array, truth: Array) -> tuple[float
     return float(turned), float(min(off, 180 - off))
 
 
-def pose_auc(errors: ArrayLike, thresholds: Sequence[float] = THRESHOLDS) -> tuple[float, ...]:
+def pose_auc(errors: ArrayLike, thresholds: Sequence[float] = AUC_DEGREES) -> tuple[float, ...]:
     """Area under the cumulative error curve up to each threshold, as a share of the threshold: 0..1, 1 is perfect.
 
     errors: degrees, (n, 2) as `pose_error` gives them, of which the larger counts, or (n,) already so; infinity or NaN

@@ -1,5 +1,4 @@
-"""Predictions of a data set, one folder a pair, so that a run goes on where it was interrupted and scores need no
-models."""
+"""Predictions of a data set, one folder for each pair: an interrupted run continues, and scores need no models."""
 
 import json
 import sys
@@ -24,14 +23,14 @@ from zpm2.result import MatchResult
 
 T = TypeVar("T")
 RUN, PREDICTIONS = "run.json", "predictions"
-Matcher = Callable[[EvalPair], MatchResult]
+MatchPair = Callable[[EvalPair], MatchResult]
 RESULTS = ("matches.json", "pose.json", "memory.json")
-Posed = Callable[[EvalPair, MatchResult], PoseResult | None]
+FindPose = Callable[[EvalPair, MatchResult], PoseResult | None]
 
 
 @dataclass(frozen=True)
-class Run:
-    """What a folder of predictions was made with. Two runs that differ do not mix."""
+class PredictionSettings:
+    """What a folder of predictions was made with. Runs that differ do not mix in one folder."""
 
     dataset: str
     split: str | None
@@ -42,7 +41,7 @@ class Run:
     code: str = field(default_factory=code)  # a hash of the package's source
 
     def claim(self, out: Path) -> None:
-        """Make `out` the folder of this run, or go on in it; `InputError` if it holds another run's predictions."""
+        """Make `out` the folder of this run, or continue in it; `InputError` if it holds predictions of another run."""
         file = claim(out, [RUN]) / RUN
         mine = {**vars(self), "config": json.loads(json.dumps(self.config))}
         if not file.exists():
@@ -61,20 +60,20 @@ def folder_of(pair: EvalPair, out: Path) -> Path:
 
 def predict(
     pairs: Iterable[EvalPair],
-    matcher: Callable[[], Matcher],
+    matcher: Callable[[], MatchPair],
     out: Path,
     tell: Callable[[str], None],
-    posed: Posed = lambda pair, result: None,
+    find_pose: FindPose = lambda pair, result: None,
     regions: Path | None = None,
 ) -> None:
     """Match every pair that has no prediction in `out` yet, or one of other photographs. `matcher` is called once, if
-    there is anything to do, and `posed` for each result; a pose that it gives is kept too. `regions` is the folder of
-    the evaluation whose polygons are taken.
+    there is anything to do, and `find_pose` for each result; its pose is kept too. `regions` is the folder of the
+    evaluation whose polygons are used.
 
     A pair whose photographs cannot be read is remembered as failed, with the reason, and tried again by the next run.
     `matches.json` is written last, so an interruption loses the pair in work and nothing else.
     """
-    match: Matcher | None = None
+    match: MatchPair | None = None
     made_folder(claim(out, [PREDICTIONS]) / PREDICTIONS)
     for pair in pairs:
         folder, made_from = folder_of(pair, out), _made_from(pair, regions)
@@ -83,7 +82,7 @@ def predict(
         match = match or matcher()
         try:
             result = match(pair)
-            pose = posed(pair, result)
+            pose = find_pose(pair, result)
             if pose is not None:
                 pose.save(folder)
             result.save(folder)
@@ -100,7 +99,7 @@ def predict(
 
 
 def _made_from(pair: EvalPair, regions: Path | None) -> str:
-    """The key of what a prediction depends on, beside what `Run` holds."""
+    """The key of what a prediction depends on, beside what `PredictionSettings` holds."""
     cameras = [m.tolist() for m in pair.truth.intrinsics] if isinstance(pair.truth, PoseTruth) else None
     files = [pair.left, pair.right, *([] if regions is None else [folder_of(pair, regions) / "matches.json"])]
     return key(files, cameras)
@@ -119,7 +118,7 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
     return None
 
 
-def is_of(pair: EvalPair, out: Path) -> bool:
+def is_current(pair: EvalPair, out: Path) -> bool:
     """Whether the prediction of a pair is of the photographs that it has now."""
 
     def same(document: dict[str, Any]) -> bool:
@@ -134,7 +133,7 @@ class PredictedPose:
     """What the evaluation needs of a `pose.json`."""
 
     motion: tuple[NDArray[np.float64], NDArray[np.float64] | None] | None  # R (3, 3), t (3,); None where there is none
-    flags: str  # what speaks against it
+    flags: str  # reasons to doubt it, separated by spaces
     used: int  # points
     inliers: int
     seconds: float
@@ -178,7 +177,7 @@ def _number(value: Any) -> float | None:
 
 
 def _taken(file: Path, take: Callable[[dict[str, Any]], T]) -> T:
-    """What `take` makes of the object in a JSON file; `InputError` where it does not find what it looks for."""
+    """`take` of the object in a JSON file; `InputError` where it lacks something."""
     try:
         return take(_read_json(file))
     except WRONG as error:

@@ -1,4 +1,4 @@
-"""From predictions to rows, and from rows to the tables that people read. Needs no models."""
+"""From predictions to rows, and from rows to tables. Needs no models."""
 
 import csv
 import dataclasses
@@ -14,7 +14,7 @@ import numpy as np
 from zpm2.config import Config
 from zpm2.errors import Failed, InputError, MissingDependency
 from zpm2.evaluate import predictions
-from zpm2.evaluate.metrics import THRESHOLDS, score_centers, scores
+from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
@@ -32,7 +32,7 @@ _FORMULA = re.compile(r"\s*[=+@\uff1d\uff0b\uff0d\uff20-]|[\t\r\n]")  # how one 
 
 
 def row(pair: EvalPair, out: Path) -> Row:
-    """Everything that is known about the prediction of one pair. `status` is "ok", "missing", or why there is less.
+    """All figures of the prediction of one pair. `status` is "ok", "missing", or the reason why there are fewer.
 
     Dense truth: the figures of `Scores` at 0.5, MAS at 0.4, 0.5 and 0.8, and P_paper, R_paper and ACR_paper by the
     paper's ground truth of projected centres. Pose truth (RGB-D pairs too): errors of R and t in degrees, of the pose
@@ -61,7 +61,7 @@ def _dense(result: MatchResult, truth: Any) -> Row:
     by_threshold = {s.iou: s.to_dict() for s in scores(result, truth)}
     middle = by_threshold[0.5]
     figures: Row = {name: middle[name] for name in (*COUNTS, *SHARES)}
-    figures |= {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in THRESHOLDS}
+    figures |= {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in IOU_THRESHOLDS}
     centers = score_centers(result, truth).to_dict()
     return figures | {f"{name}_paper": centers[name] for name in PAPER}
 
@@ -114,7 +114,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "dense": len(dense),
     }
     found |= {name: sum(r[name] for r in dense) for name in COUNTS if dense}
-    names = (*(f"MAS{round(100 * t)}" for t in THRESHOLDS), *SHARES[1:], *(f"{name}_paper" for name in PAPER))
+    names = (*(f"MAS{round(100 * t)}" for t in IOU_THRESHOLDS), *SHARES[1:], *(f"{name}_paper" for name in PAPER))
     found |= {name: _mean(dense, name) for name in names if dense}
     found |= {name: _mean(done, name) for name in _stages(done)}
     for kind in ("", "_points"):
@@ -139,7 +139,7 @@ def pose_table(rows: Sequence[Row]) -> str:
 
 
 def markdown(title: str, rows: Sequence[Row], made_by: str, beside: str = "") -> str:
-    """The summary and the pairs as tables, and `beside` them a table of somebody else's."""
+    """The summary and the pairs as tables, and `beside` them a table of published rows."""
     total = summary(rows)
     parts = [f"# {title}", f"Made by `{made_by}`.", _summary_table(total)]
     if beside:
@@ -220,7 +220,7 @@ def _stages(rows: Sequence[Row]) -> list[str]:
 
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:
-    """Over the rows that have it; ACR only where something is true, a ratio to nothing is none."""
+    """Over the rows that have it; ACR only where something is true, as it is a ratio to that."""
     values = [r[name] for r in rows if r.get(name) is not None and (not name.startswith("ACR") or r["gt"])]
     return float(np.mean(values)) if values else None
 

@@ -1,12 +1,12 @@
 """Matching at full size, block by block: only the windows that a block's polygons need are read, at the resolution that
 their size needs, and one assignment decides over all blocks (paper 3.3 and 3.4).
 
-Time grows with the number of blocks, hence of polygons, not with the pixels of the photographs. In a block everything
-is as in a small pair: the search windows of the pyramid follow from the size of the block's images.
+Time grows with the number of blocks, hence of polygons, not with the pixels of the photographs. A block is matched like
+a small pair: the search windows of the pyramid follow from the size of its images.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -24,27 +24,41 @@ from zpm2.photos.source import Source
 from zpm2.polygons.warp import WarpedPolygons
 from zpm2.tiled import windows
 from zpm2.tiled.cells import Cell, uncertainty
-from zpm2.tiled.view import View, reduced_size, view
+from zpm2.tiled.view import TileView, read_view, reduced_size
 
 Array = NDArray[np.float64]
-MARGIN = 64  # reduced px around a block's polygons: the search windows of the finest levels
-SIZE_RATIO = 4.0  # of two polygons' longer sides, beyond which they are not compared
-MOST = 1.5  # sides of a cell, the largest window that is read for a block
+
+
+@dataclass(frozen=True, eq=False)
+class LargePair:
+    """Two photographs of any size, and their regions."""
+
+    sources: tuple[Source, Source]
+    polygons: tuple[PolygonArrays, PolygonArrays]
+    guided: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (n,) and (m,) found with a region of the other as prompt
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Polygons that are matched together, and the windows that show them."""
+
+    views: tuple[TileView, TileView]
+    initial: InitialGeometry  # px of the photographs
+    rows: NDArray[np.int64]  # of the left polygons
+    candidates: NDArray[np.int64]  # rows of the right polygons that may be their partners
 
 
 def match_blocks(
-    sources: tuple[Source, Source],
-    polygons: tuple[PolygonArrays, PolygonArrays],
-    guided: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    pair: LargePair,
     cells: Sequence[Cell],
     warped: WarpedPolygons,
-    side: int,
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[PolygonMatch]:
-    """One-to-one matches, by ascending left id. `cells` are those of the left polygons and `side` px theirs, `warped`
-    the left polygons in the right photograph."""
-    left, right = polygons
+    """One-to-one matches, by ascending left id. `cells` are those of the left polygons, `warped` the left polygons in
+    the right photograph."""
+    (left, right), sources = pair.polygons, pair.sources
+    side, chosen = config.tiles.size, config.tiles.blocks
     places = shapely.bounds(warped.shapes).reshape(-1, 4)
     longer = [(bounds[:, 2:] - bounds[:, :2]).max(1, initial=0) for bounds in (places, right.bounds)]
     tree = shapely.STRtree(right.shapes)
@@ -53,30 +67,32 @@ def match_blocks(
         reductions = cell.reduction, cell.reduction * _scale(left, warped, cell)
         search = config.global_match
         if search.search == "pyramid":
-            search = replace(search, max_layers=layers(uncertainty(cell.initial) / reductions[1], search))
-        chosen = replace(config, global_match=search)
-        for rows, there in _spread(cell.rows, places, MOST * side * reductions[1]):
-            target = _window(there, MARGIN * reductions[1], sources[1])
+            error = uncertainty(cell.initial, config.tiles.cells) / reductions[1]
+            search = replace(search, max_layers=layers(error, search))
+        of_cell = replace(config, global_match=search)
+        for rows, there in _spread(cell.rows, places, chosen.max_window * side * reductions[1]):
+            target = _window(there, chosen.margin * reductions[1], sources[1])
             if windows.area(target) == 0:
                 continue
-            partners = np.sort(tree.query(shapely.box(*target), predicate="intersects"))
-            least, most = longer[0][rows].min() / SIZE_RATIO, longer[0][rows].max() * SIZE_RATIO
-            partners = partners[(longer[1][partners] >= least) & (longer[1][partners] <= most)]
-            if len(partners) == 0:
+            candidates = np.sort(tree.query(shapely.box(*target), predicate="intersects"))
+            ratio = chosen.max_size_ratio
+            shortest, longest = longer[0][rows].min() / ratio, longer[0][rows].max() * ratio
+            candidates = candidates[(longer[1][candidates] >= shortest) & (longer[1][candidates] <= longest)]
+            if len(candidates) == 0:
                 continue
-            own = _window(_extent(left.bounds[rows]), MARGIN * reductions[0], sources[0])
+            own = _window(_extent(left.bounds[rows]), chosen.margin * reductions[0], sources[0])
             views = (
-                view(sources[0], own, reduced_size(own, reductions[0])),
-                view(sources[1], target, reduced_size(target, reductions[1])),
+                read_view(sources[0], own, reduced_size(own, reductions[0])),
+                read_view(sources[1], target, reduced_size(target, reductions[1])),
             )
-            possible += _block(views, polygons, guided, cell.initial, warped, rows, partners, chosen)
+            possible += _possible(_Block(views, cell.initial, rows, candidates), pair, warped, of_cell)
         progress((k + 1) / len(cells))
     return one_to_one(possible, config.local_match)
 
 
 def layers(error: float, config: GlobalConfig) -> int:
-    """Of the pyramid, so many that the first search window reaches `error` px of the block's right image: where
-    neighbours say well where a polygon is, the search begins near to it."""
+    """As many layers of the pyramid as the first search window needs to reach `error` px of the block's right image:
+    where neighbours predict the place of a polygon well, the search begins near it."""
     reach, count = config.tau - config.phi / 2, 1
     while reach < error and count < config.max_layers:
         reach, count = reach * config.factor, count + 1
@@ -92,48 +108,40 @@ def _scale(left: PolygonArrays, warped: WarpedPolygons, cell: Cell) -> float:
     return max(1.0, float(np.median(np.sqrt(area[some] / left.areas[cell.rows][some]))))
 
 
-def _spread(rows: NDArray[np.int64], places: Array, most: float) -> list[tuple[NDArray[np.int64], Array]]:
-    """Those of the polygons that have a place in the right photograph, and the extent (4,) of these places; in parts of
-    at most `most` px, where relief or wrong points scatter them. A place that is half as wide by itself is none: a map
-    that is near its horizon there."""
+def _spread(rows: NDArray[np.int64], places: Array, max_side: float) -> list[tuple[NDArray[np.int64], Array]]:
+    """The polygons that have a place in the right photograph, with the extent (4,) of these places; in parts of at most
+    `max_side` px, where relief or wrong points scatter them. A place that is half as wide by itself does not count: the
+    map is near its horizon there."""
     rows = rows[np.isfinite(places[rows]).all(1)]
-    rows = rows[(places[rows, 2:] - places[rows, :2]).max(1, initial=0) <= most / 2]
+    rows = rows[(places[rows, 2:] - places[rows, :2]).max(1, initial=0) <= max_side / 2]
     if len(rows) == 0:
         return []
     extent = _extent(places[rows])
-    if (extent[2:] - extent[:2]).max() <= most:
+    if (extent[2:] - extent[:2]).max() <= max_side:
         return [(rows, extent)]
     middle = (places[rows, :2] + places[rows, 2:]) / 2
-    _, part = np.unique(np.floor(middle / (most / 2)).astype(np.int64), axis=0, return_inverse=True)
+    _, part = np.unique(np.floor(middle / (max_side / 2)).astype(np.int64), axis=0, return_inverse=True)
     parts = [rows[part.ravel() == k] for k in range(int(part.max()) + 1)]
     return [(some, _extent(places[some])) for some in parts]
 
 
-def _block(
-    views: tuple[View, View],
-    polygons: tuple[PolygonArrays, PolygonArrays],
-    guided: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-    initial: InitialGeometry,
-    warped: WarpedPolygons,
-    rows: NDArray[np.int64],
-    partners: NDArray[np.int64],
-    config: Config,
-) -> list[PolygonMatch]:
-    """The possible matches of the left polygons `rows` and the right ones `partners`."""
+def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Config) -> list[PolygonMatch]:
+    """The possible matches of a block."""
+    views, rows, candidate_rows = block.views, block.rows, block.candidates
     to_view = [each.from_px for each in views]
     left, right = (
         PolygonArrays([_moved(arrays.polygons[row], matrix) for row in some])
-        for arrays, some, matrix in zip(polygons, (rows, partners), to_view, strict=True)
+        for arrays, some, matrix in zip(pair.polygons, (rows, candidate_rows), to_view, strict=True)
     )
-    initial, guided_prior = _reduced(initial, to_view), None
+    initial, guided_prior = _reduced(block.initial, to_view), None
     maps = to_view[1] @ warped.maps[rows] @ views[0].to_px
     if config.guided.direction != "off":
         shapes = shapely.transform(warped.shapes[rows], lambda xy: _apply(to_view[1], xy))
-        asked = guided[0][rows], guided[1][partners]
+        guided = pair.guided[0][rows], pair.guided[1][candidate_rows]
         guided_prior = GuidedPrior(
             WarpedPolygons(maps, shapes, warped.own[rows]),
-            (~asked[0], ~asked[1]),
-            asked,
+            (~guided[0], ~guided[1]),
+            guided,
             config.guided.min_match_overlap,
         )
     images = views[0].image, views[1].image

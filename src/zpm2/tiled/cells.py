@@ -1,4 +1,4 @@
-"""Geometry cell by cell: a large scene has no single F and H, and no stage may look at all of it at once."""
+"""Geometry cell by cell: a large scene has no single F and H, and no stage holds all of it at once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,39 +9,39 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.config import Config
+from zpm2.config import CellsConfig, Config
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 
 Array = NDArray[np.float64]
-AROUND = 100  # points nearest to a cell that has fewer of its own
-FARTHEST = 1.5  # cells, from the middle of one to the points that speak for it
-NEIGHBORS = 8  # of a point, whose motion predicts its own
-MOST = 2000  # points of a cell that its geometry is estimated from
+MIN_DETERMINANT = 1e-6  # of an affine map, below which it collapses the plane
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """Polygons of like place and size, and the geometry there."""
+    """Polygons of similar place and size, and the geometry there."""
 
     rows: NDArray[np.int64]  # of the polygons
     reduction: int  # px of the photograph per px at which the polygons are compared
     initial: InitialGeometry  # of the points in and around the cell, px of the photographs
 
 
-def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Config) -> Iterator[Cell]:
-    """All polygons, by place and size: each reduced by a power of two, until its longer side has at most a quarter of
-    `side` px, and those of one reduction in cells of `side` reduced px.
+def cells(polygons: PolygonArrays, points: PointMatches, config: Config) -> Iterator[Cell]:
+    """All polygons, by place and size: each reduced by a power of two, until its longer side is at most a share
+    (`polygons_across`) of `config.tiles.size` px; those of one reduction in cells of that many reduced px.
 
-    A cell's geometry comes from the points within half a cell of it; where these are fewer than 100, from the 100
-    nearest ones, but not from farther than a whole cell: what lies there says nothing about this place.
+    A cell's geometry comes from the points within half a cell of it; where these are fewer than `min_points`, from as
+    many nearest ones, up to `max_distance`: points farther away tell nothing about this place.
     """
+    side, chosen = config.tiles.size, config.tiles.cells
     if len(polygons) == 0:
         return
     longer = (polygons.bounds[:, 2:] - polygons.bounds[:, :2]).max(1)
-    reduction = 2 ** np.maximum(np.ceil(np.log2(np.maximum(longer, 1) / (side / 4))), 0).astype(np.int64)
+    reduction = 2 ** np.maximum(np.ceil(np.log2(np.maximum(longer, 1) / (side / chosen.polygons_across))), 0).astype(
+        np.int64
+    )
     place = np.floor(polygons.centers / (side * reduction[:, None])).astype(np.int64)
     names, of = np.unique(np.c_[reduction, place], axis=0, return_inverse=True)
     tree = cKDTree(points.left) if len(points) else None
@@ -51,34 +51,36 @@ def cells(polygons: PolygonArrays, points: PointMatches, side: int, config: Conf
         near = np.zeros(0, np.int64)
         if tree is not None:
             near = np.array(sorted(tree.query_ball_point(middle, reach, p=np.inf)), np.int64)
-            if len(near) < AROUND:
-                _, near = tree.query(middle, k=AROUND, p=np.inf, distance_upper_bound=FARTHEST * reach)
+            if len(near) < chosen.min_points:
+                farthest = chosen.max_distance * reach
+                _, near = tree.query(middle, k=chosen.min_points, p=np.inf, distance_upper_bound=farthest)
                 near = np.sort(near[near < len(points)])
         yield Cell(rows, int(name[0]), local_geometry(points[near], config))
 
 
 def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
     """F and H of some points; where no homography holds for them, H is the affine map of most of them."""
-    step = max(1, len(points) // MOST)
+    chosen = config.tiles.cells
+    step = max(1, len(points) // chosen.max_points)
     initial = initial_geometry(points[np.arange(0, len(points), step)], config.global_match, config.seed)
     homography = initial.homography
     if isinstance(homography, Failed) and len(points) >= 3:
         cv2.setRNGSeed(config.seed)
-        noise = 0.02 * max(1.0, float(np.ptp(points.left, axis=0).max()))
+        noise = chosen.affine_noise * max(1.0, float(np.ptp(points.left, axis=0).max()))
         matrix, _ = cv2.estimateAffine2D(points.left, points.right, method=cv2.RANSAC, ransacReprojThreshold=noise)
-        if matrix is not None and np.isfinite(matrix).all() and abs(np.linalg.det(matrix[:, :2])) > 1e-6:
+        if matrix is not None and np.isfinite(matrix).all() and abs(np.linalg.det(matrix[:, :2])) > MIN_DETERMINANT:
             homography = np.vstack([matrix, [0.0, 0.0, 1.0]])
     return InitialGeometry(initial.points, initial.fundamental, homography, initial.consistent, initial.planar)
 
 
-def uncertainty(initial: InitialGeometry) -> float:
-    """px of the right photograph: nine of ten points lie no farther from where H and the motion that it does not
-    explain, taken from their neighbours, lead; infinite for a few points."""
+def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
+    """px of the right photograph: how far nine of ten points lie at most from their predicted place, which H gives with
+    the median residual of their neighbours; infinite for a few points."""
     points = initial.points[initial.consistent]
-    if len(points) <= NEIGHBORS:
+    if len(points) <= config.neighbors:
         return float("inf")
     motion = points.right - initial.expected(points.left).centers
-    _, near = cKDTree(points.left).query(points.left, k=NEIGHBORS + 1)
+    _, near = cKDTree(points.left).query(points.left, k=config.neighbors + 1)
     away = np.linalg.norm(motion - np.median(motion[near[:, 1:]], axis=1), axis=1)
     return float(np.percentile(away, 90)) if np.isfinite(away).all() else float("inf")
 

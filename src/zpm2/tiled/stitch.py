@@ -1,10 +1,10 @@
 """The regions of overlapping tiles as the regions of one photograph: no duplicates, and no outline cut by a tile.
 
-A region that reaches an inner border of its window may go on beyond it, and so may what was found in the other
-photograph by asking about it. Such pieces are of use only together: where a
-region that is whole, of another tile or level, is the same thing as far as the window shows it, that one stands for it.
-Otherwise pieces of neighbouring windows of one level that agree in the strip which both windows show are united; if the
-union still ends at a border, it is left out, as its outline would be the tile's and not the scene's.
+A region that reaches an inner border of its window may continue beyond it, and so may the region of the other
+photograph that was found with it as a prompt. Such a piece is not used by itself. Where a whole region of another tile
+or level agrees with it inside the window, that one replaces it. Otherwise pieces of neighbouring windows of one level
+are united if they agree in the strip that both windows show. A union that still ends at a border is left out: its
+outline would be the tile's and not the scene's.
 """
 
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.config import Config, StitchConfig
 from zpm2.model import Polygon
 from zpm2.photos.raster import Window
 from zpm2.polygons.nest import with_parents
@@ -23,73 +24,71 @@ from zpm2.polygons.shapes import from_shape
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]
-BORDER = 1.5 / 256  # of a window's longer side, at least 2 px: what comes so near to an inner border is cut by it
-TRIM = 4.0  # borders wide, the rim of a window in which outlines are ragged and the neighbour is believed
-AGREE = 0.6  # IoU of what two windows show of one thing, from which on it is one
-FILLED = 0.9  # share of a union that must be left when the rims are left out
-COVERED = 0.8  # share of what touches a border that neighbours must show
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Regions of one photograph, as the tiles found them; row k of all is one."""
+class RegionPieces:
+    """Regions of one photograph as the tiles found them; row k of each array belongs to region k."""
 
     polygons: Sequence[Polygon]  # (n,) px of the photograph
     tile: NDArray[np.int64]  # (n,) which window each comes from
-    cut: NDArray[np.bool_]  # (n,) ends where its tile does, and not where the thing does
-    guided: NDArray[np.bool_]  # (n,) found by asking about the other photograph
+    cut: NDArray[np.bool_]  # (n,) ends at a border of its tile, and not where the thing ends
+    guided: NDArray[np.bool_]  # (n,) found with a region of the other photograph as prompt
     windows: Sequence[Window]  # (t,) px
     levels: NDArray[np.int64]  # (t,) the larger the finer
 
 
 @dataclass(frozen=True, eq=False)
-class Stitched:
+class StitchedRegions:
     """The regions of one photograph."""
 
     polygons: list[Polygon]  # ids from 0 on, with parents
     guided: NDArray[np.bool_]  # (n,)
     united: int  # of several pieces
-    open: int  # pieces left out, as what they belong to is nowhere whole
+    incomplete: int  # pieces left out, because the region that they belong to is nowhere whole
 
 
-def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: float, min_area: float) -> Stitched:
+def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area: float) -> StitchedRegions:
     """The regions of a photograph of `size` (width, height) px, of at least `min_area` px^2, finer levels first.
 
-    Of two that overlap by more than `nms_iou` the one of the finer level stays, then the one of better score.
-    `tolerance` px is Douglas-Peucker's for outlines of united pieces.
+    Of two that overlap by more than `segment.nms_iou` the one of the finer level stays, then the one of better score.
+    Outlines of united pieces are simplified (`vectorize.tolerance`).
     """
+    chosen, nms_iou = config.tiles.stitch, config.segment.nms_iou
     shapes = _array([polygon.shape for polygon in pieces.polygons])
     level = pieces.levels[pieces.tile] if len(pieces.polygons) else np.zeros(0, np.int64)
     score = np.array([polygon.score for polygon in pieces.polygons])
-    borders = [_Borders(window, size) for window in pieces.windows]
+    borders = [_Borders(window, size, chosen) for window in pieces.windows]
     whole = np.flatnonzero(~pieces.cut)
     whole = whole[suppress(shapes[whole], np.lexsort((-score[whole], -level[whole])), nms_iou)]
     rest = np.flatnonzero(pieces.cut)
-    rest = rest[~_explained(shapes, rest, pieces.tile, whole, borders)]
-    groups = _groups(shapes, rest, pieces.tile, level, borders)
-    united, members = _unite(shapes, groups, pieces.tile, borders, tolerance)
-    everything = np.append(shapes[whole], united)
+    rest = rest[~_replaced(shapes, rest, pieces.tile, whole, borders, chosen)]
+    groups = _groups(shapes, rest, pieces.tile, level, borders, chosen)
+    united, members = _unite(shapes, groups, pieces.tile, borders, config)
+    candidates = np.append(shapes[whole], united)
     guided = np.append(pieces.guided[whole], [pieces.guided[group].any() for group in members]).astype(bool)
     scores = np.append(score[whole], [score[group].min() for group in members])
     levels = np.append(level[whole], [level[group[0]] for group in members])
-    is_united = np.arange(len(everything)) >= len(whole)
-    kept = suppress(everything, np.lexsort((-scores, is_united, -levels)), nms_iou)
-    kept = np.sort(kept[shapely.area(everything[kept]) >= min_area])
+    is_united = np.arange(len(candidates)) >= len(whole)
+    kept = suppress(candidates, np.lexsort((-scores, is_united, -levels)), nms_iou)
+    kept = np.sort(kept[shapely.area(candidates[kept]) >= min_area])
     polygons = [
-        from_shape(everything[row], k, float(scores[row]))
+        from_shape(candidates[row], k, float(scores[row]))
         if is_united[row]
         else replace(pieces.polygons[whole[row]], id=k)
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
-    return Stitched(with_parents(polygons), guided[kept], int(is_united[kept].sum()), left_out)
+    return StitchedRegions(with_parents(polygons), guided[kept], int(is_united[kept].sum()), left_out)
 
 
-def cut_by_window(polygons: Sequence[Polygon], window: Window, size: tuple[int, int]) -> NDArray[np.bool_]:
+def cut_by_window(
+    polygons: Sequence[Polygon], window: Window, size: tuple[int, int], config: StitchConfig
+) -> NDArray[np.bool_]:
     """(n,) whether a region of a window reaches one of its borders that is not the photograph's."""
     if not polygons:
         return np.zeros(0, bool)
-    borders = _Borders(window, size)
+    borders = _Borders(window, size, config)
     free, box = borders.shrunk(1.0), np.array([polygon.bounds for polygon in polygons])
     return np.asarray((borders.inner & np.c_[box[:, :2] < free[:2], box[:, 2:] > free[2:]]).any(1))
 
@@ -121,15 +120,15 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
 class _Borders:
     """A window and those of its borders that are not the photograph's."""
 
-    def __init__(self, window: Window, size: tuple[int, int]) -> None:
+    def __init__(self, window: Window, size: tuple[int, int], config: StitchConfig) -> None:
         x0, y0, x1, y1 = window
         self.box = shapely.box(*window)
-        self.tolerance = max(2.0, BORDER * max(x1 - x0, y1 - y0))
+        self.tolerance = max(config.min_border, config.border * max(x1 - x0, y1 - y0))
         self.inner = np.array([x0 > 0, y0 > 0, x1 < size[0], y1 < size[1]])
         self.window = np.array(window, np.float64)
 
     def shrunk(self, by: float) -> Array:
-        """(4,) the window with its inner borders moved inwards by so many tolerances."""
+        """(4,) the window with its inner borders moved inwards by that many tolerances."""
         return self.window + np.array([1, 1, -1, -1]) * self.inner * by * self.tolerance
 
     def strips(self) -> list[shapely.Polygon]:
@@ -140,19 +139,20 @@ class _Borders:
         return [shapely.box(*strip) for strip, inner in zip(strips, self.inner, strict=True) if inner]
 
 
-def _explained(
+def _replaced(
     shapes: Shapes,
     rest: NDArray[np.intp],
     tile: NDArray[np.int64],
     whole: NDArray[np.intp],
     borders: Sequence[_Borders],
+    config: StitchConfig,
 ) -> NDArray[np.bool_]:
-    """(r,) whether a `whole` region is what a cut piece of `rest` is a part of."""
+    """(r,) whether a cut piece of `rest` is a part of a `whole` region."""
     i, j = shapely.STRtree(shapes[whole]).query(shapes[rest], predicate="intersects")
     window = _array([border.box for border in borders])[tile[rest[i]]]
     seen = shapely.intersection(shapes[whole[j]], window)
     found = np.zeros(len(rest), bool)
-    found[i[overlaps(shapes[rest[i]], seen) >= AGREE]] = True
+    found[i[overlaps(shapes[rest[i]], seen) >= config.min_agreement]] = True
     return found
 
 
@@ -162,6 +162,7 @@ def _groups(
     tile: NDArray[np.int64],
     level: NDArray[np.int64],
     borders: Sequence[_Borders],
+    config: StitchConfig,
 ) -> list[list[int]]:
     """Pieces of one thing, two or more, each of another window of one level: those that agree best come together first,
     as long as no window would have two."""
@@ -173,7 +174,7 @@ def _groups(
     strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
     alike = overlaps(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
     order = np.argsort(-alike, kind="stable")
-    order = order[alike[order] >= AGREE]
+    order = order[alike[order] >= config.min_agreement]
     group: dict[int, list[int]] = {}
     for first, second in zip(a[order].tolist(), b[order].tolist(), strict=True):
         one, other = group.get(first, [first]), group.get(second, [second])
@@ -185,30 +186,38 @@ def _groups(
 
 
 def _unite(
-    shapes: Shapes, groups: list[list[int]], tile: NDArray[np.int64], borders: Sequence[_Borders], tolerance: float
+    shapes: Shapes, groups: list[list[int]], tile: NDArray[np.int64], borders: Sequence[_Borders], config: Config
 ) -> tuple[Shapes, list[list[int]]]:
     """The union of each group that is whole, and its members."""
+    chosen = config.tiles.stitch
     found, members = [], []
     for group in groups:
-        if any(_ends(shapes, k, group, tile, borders) for k in group):
+        if any(_ends(shapes, k, group, tile, borders, chosen) for k in group):
             continue
-        trimmed = [shapely.intersection(shapes[k], shapely.box(*borders[tile[k]].shrunk(TRIM))) for k in group]
+        trimmed = [shapely.intersection(shapes[k], shapely.box(*borders[tile[k]].shrunk(chosen.trim))) for k in group]
         inner, full = (largest(shapely.union_all(parts)) for parts in (trimmed, shapes[group]))
-        outline = inner if inner.area >= FILLED * full.area else full  # windows may hardly overlap
-        simple = shapely.simplify(outline, tolerance)
+        outline = inner if inner.area >= chosen.min_trimmed * full.area else full  # windows may hardly overlap
+        simple = shapely.simplify(outline, config.vectorize.tolerance)
         found.append(simple if simple.is_valid and not simple.is_empty else outline)
         members.append(group)
     return _array(found), members
 
 
-def _ends(shapes: Shapes, k: int, group: list[int], tile: NDArray[np.int64], borders: Sequence[_Borders]) -> bool:
-    """Whether piece `k` touches an inner border of its window where no other piece of the group goes on; one that has
+def _ends(
+    shapes: Shapes,
+    k: int,
+    group: list[int],
+    tile: NDArray[np.int64],
+    borders: Sequence[_Borders],
+    config: StitchConfig,
+) -> bool:
+    """Whether piece `k` touches an inner border of its window where no other piece of the group continues it; one with
     the same border there does not."""
     inside = [shapely.intersection(shapes[m], shapely.box(*borders[tile[m]].shrunk(1.0))) for m in group if m != k]
     others = shapely.union_all(inside)
     for strip in borders[tile[k]].strips():
         touching = shapely.intersection(shapes[k], strip)
-        if touching.area > 0 and shapely.intersection(touching, others).area < COVERED * touching.area:
+        if touching.area > 0 and shapely.intersection(touching, others).area < config.min_continued * touching.area:
             return True
     return False
 

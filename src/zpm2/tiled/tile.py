@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,10 @@ from zpm2.model import ImagePolygons, PointMatches, Polygon
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
 from zpm2.result import MatchResult
-from zpm2.tiled.view import View
+from zpm2.tiled.view import TileView
 
-Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None: not looked at
+SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
+Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None: not read
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +34,12 @@ class Tile:
     level: int  # 0 for all of the photograph, then ever finer
     windows: Windows
     polygons: tuple[Sequence[Polygon], Sequence[Polygon]]  # ids are rows
-    guided: NDArray[np.int64]  # (k, 2) left and right ids of which one was found by asking about the other
+    guided: NDArray[np.int64]  # (k, 2) left and right ids, of which one was found with the other as prompt
     points: PointMatches
     seconds: Mapping[str, float]  # by stage
 
 
-def of_pair(level: int, windows: Windows, views: tuple[View, View], result: MatchResult) -> Tile:
+def tile_of_pair(level: int, windows: Windows, views: tuple[TileView, TileView], result: MatchResult) -> Tile:
     """The result of two views as a tile."""
     left, right = (
         [view.polygon(polygon, polygon.id) for polygon in side.polygons]
@@ -51,7 +52,9 @@ def of_pair(level: int, windows: Windows, views: tuple[View, View], result: Matc
     return Tile(level, windows, (left, right), guided, points, result.timings)
 
 
-def apart(level: int, windows: Windows, found: Sequence[tuple[View, Sequence[Polygon]] | None], seconds: float) -> Tile:
+def tile_without_partner(
+    level: int, windows: Windows, found: Sequence[tuple[TileView, Sequence[Polygon]] | None], seconds: float
+) -> Tile:
     """The regions of windows of both photographs, or of one, that have nothing in common."""
     left, right = (
         [] if side is None else [side[0].polygon(polygon, k) for k, polygon in enumerate(side[1])] for side in found
@@ -62,14 +65,14 @@ def apart(level: int, windows: Windows, found: Sequence[tuple[View, Sequence[Pol
 def key(
     sources: Sequence[Source], config: Mapping[str, Any], segmenters: str, regions: Sequence[str | Path] = ()
 ) -> str:
-    """A name for tiles that the same photographs, files of given regions, configuration and code would give again."""
+    """A name for the tiles of these photographs, files of given regions and configuration, by this code."""
     return key_of(regions, [_content(source) for source in sources], config, segmenters)
 
 
 class TileCache:
-    """The finished tiles of a run as files `<level>-<number>.json.gz` in a folder of the run's key.
+    """The finished tiles of a run as files `<level>-<number>.json.gz`, in a folder named by the run's key.
 
-    `reused` counts those that an earlier run left.
+    `reused` counts those that come from an earlier run. Without a folder nothing is kept.
     """
 
     def __init__(self, folder: Path | None, key: str) -> None:
@@ -90,8 +93,8 @@ class TileCache:
         return tile
 
     def save(self, name: str, tile: Tile) -> None:
-        """Writes it. `OutputError` where it cannot be written, the disk is full for instance; tiles that are finished
-        stay for the next run."""
+        """Write it. `OutputError` where it cannot be written, as on a full disk; finished tiles stay for the next
+        run."""
         if self.folder is None:
             return
         data = gzip.compress(json.dumps(_to_dict(tile)).encode(), compresslevel=1, mtime=0)
@@ -103,8 +106,8 @@ class TileCache:
 
 
 def _content(source: Source) -> Any:
-    """Of what is in memory its content, as pixels may be given with a path and not be the file's; of a photograph that
-    is read by windows that of its files, unless they lie where only GDAL finds them."""
+    """The stamps of the files of a photograph that is read by windows, unless only GDAL finds them. Else a hash of its
+    pixels: they may be given with a path and differ from the file's."""
     stamps = [stamp(file) for file in source.files]
     if stamps and None not in stamps:
         return stamps

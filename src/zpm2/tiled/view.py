@@ -1,4 +1,4 @@
-"""One window of a photograph as the matcher sees it: reduced, and turned where the two photographs are turned."""
+"""One window of a photograph as the matcher sees it: reduced, and turned where the photographs are turned."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,25 +9,25 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import TilesConfig
 from zpm2.model import Image, Polygon
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
 from zpm2.polygons.shapes import reshaped
 
 Array = NDArray[np.float64]
-UPRIGHT = math.radians(20)  # turns up to this are left to the point matcher, so that pixels stay as they are
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """The pixels of a window, and the way back."""
+class TileView:
+    """The pixels of a window, and the map back to the photograph."""
 
     image: Image
     to_px: Array  # (3, 3) similarity: px of the photograph ~ to_px @ px of `image`
 
     @property
     def from_px(self) -> Array:
-        """(3, 3) the way in."""
+        """(3, 3) the inverse of `to_px`."""
         return np.asarray(np.linalg.inv(self.to_px))
 
     def points(self, points: Array) -> Array:
@@ -40,20 +40,25 @@ class View:
         return reshaped(replace(polygon, id=id, parent=None), shapely.Polygon(rings[0], rings[1:]))
 
 
-def view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.0) -> View:
-    """The window brought to `size` (width, height) px, no larger than it is, and turned by `turn` radians from x to y,
-    unless that is hardly a turn. What the corners of a turned view do not show is marked as no data."""
+def read_view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.0) -> TileView:
+    """The window reduced to `size` (width, height) px, and turned by `turn` radians from x to y. The corners that a
+    turn leaves empty are marked as no data."""
     (x0, y0, x1, y1), (width, height) = window, size
     image = source.read(window, (width, height))
     to_px = np.array([[(x1 - x0) / width, 0, x0], [0, (y1 - y0) / height, y0], [0, 0, 1.0]])
-    if abs(turn) <= UPRIGHT:
-        return View(image, to_px)
+    if not turn:
+        return TileView(image, to_px)
     turned, whole = geometry.turn_image(width, height, turn)
     matrix = geometry.for_opencv(turned)[:2]
     rgb = cv2.warpAffine(image.rgb, matrix, whole, flags=cv2.INTER_LINEAR)
     valid = np.ones((height, width), np.uint8) if image.valid is None else image.valid.astype(np.uint8)
     seen = cv2.warpAffine(valid, matrix, whole, flags=cv2.INTER_NEAREST) > 0
-    return View(Image(np.asarray(rgb, np.uint8), image.path, image.notes, seen), to_px @ np.linalg.inv(turned))
+    return TileView(Image(np.asarray(rgb, np.uint8), image.path, image.notes, seen), to_px @ np.linalg.inv(turned))
+
+
+def applied_turn(turn: float, config: TilesConfig) -> float:
+    """`turn` radians, or 0 where it is so small that the point matcher copes: pixels then stay as they are."""
+    return turn if abs(turn) > math.radians(config.min_turn) else 0.0
 
 
 def reduced_size(window: Window, reduction: float) -> tuple[int, int]:

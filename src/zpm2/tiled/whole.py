@@ -1,4 +1,4 @@
-"""Pairs that are matched as a whole, and which are."""
+"""Which pairs are matched in tiles, and the matching of those that are not."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from zpm2.model import Image, thin
 from zpm2.photos.images import whole
 from zpm2.photos.source import Source
 from zpm2.result import MatchResult
-from zpm2.tiled.run import SIDES
+from zpm2.tiled.tile import SIDES
 
 
 def in_tiles(sources: Sequence[Source], config: Config) -> bool:
@@ -23,8 +23,8 @@ def in_tiles(sources: Sequence[Source], config: Config) -> bool:
 def match_whole(
     match: Callable[[Image, Image], MatchResult], sources: tuple[Source, Source], config: Config
 ) -> MatchResult:
-    """What `match` makes of both photographs, each as a whole, with where they lie on the ground."""
-    least = least_areas(sources, config)
+    """The result of `match` for both photographs, each as a whole, with their georeferences."""
+    smallest = min_areas(sources, config)
     start = perf_counter()
     left, right = (whole(source, f"{name} image") for source, name in zip(sources, SIDES, strict=True))
     seconds = perf_counter() - start
@@ -37,15 +37,15 @@ def match_whole(
         right=replace(result.right, geo=sources[1].geo),
         timings=timings,
     ).with_gis_messages()
-    return result.without_smaller(*least) if config.raster.min_area_m2 else result
+    return result.without_smaller(*smallest) if config.raster.min_area_m2 else result
 
 
-def least_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
+def min_areas(sources: tuple[Source, Source], config: Config) -> tuple[float, float]:
     """px^2, the smallest polygon of the left and the right photograph."""
-    return _least(sources[0], config), _least(sources[1], config)
+    return _min_area(sources[0], config), _min_area(sources[1], config)
 
 
-def _least(source: Source, config: Config) -> float:
+def _min_area(source: Source, config: Config) -> float:
     if not config.raster.min_area_m2:
         return config.segment.min_area
     if source.geo.gsd is None:

@@ -1,25 +1,22 @@
-"""Which windows of a large photograph are looked at, from all of it down to full resolution."""
+"""The windows of a large photograph that are processed, from all of it down to full resolution."""
 
 import math
 
 from zpm2.config import TilesConfig
 from zpm2.photos.raster import Window
 
-STEP = 3  # width of a level's tiles, in tiles of the next finer one
-NEARLY = 1.25  # a level whose tiles are nearly as wide as the photograph brings nothing
-
 
 def levels(width: int, height: int, config: TilesConfig) -> list[list[Window]]:
     """The windows of each level for a photograph of `width` x `height` px, coarsest first.
 
-    The first level is one window, all of the photograph. Those after it have square windows, three times smaller each
-    time, down to `config.size` px; they are spread evenly and overlap by `config.overlap` of their side at least.
+    The first level is one window, all of the photograph. Those after it have square windows, each `config.step` times
+    smaller, down to `config.size` px; they are spread evenly and overlap by `config.overlap` of their side at least.
     """
     longest, sides = max(width, height), []
     side = config.size
-    while side * NEARLY <= longest:
+    while side * config.min_tiles <= longest:
         sides.append(side)
-        side *= STEP
+        side *= config.step
     whole: Window = (0, 0, width, height)
     return [[whole], *(grid(width, height, side, config.overlap) for side in reversed(sides))]
 

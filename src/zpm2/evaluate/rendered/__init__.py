@@ -1,6 +1,6 @@
 """A scene rendered from code, for `zpm2 demo`: a camera pair with exact truth, and the score of matches against it."""
 
-from zpm2.evaluate.rendered.scene import Scene, render_scene
-from zpm2.evaluate.rendered.score import Score, score
+from zpm2.evaluate.rendered.scene import RenderedScene, render_scene
+from zpm2.evaluate.rendered.score import DisparityScore, score_on_disparity
 
-__all__ = ["Scene", "Score", "render_scene", "score"]
+__all__ = ["DisparityScore", "RenderedScene", "render_scene", "score_on_disparity"]

@@ -1,4 +1,4 @@
-"""The still life seen by a rectified camera pair, with everything that is known about it exactly."""
+"""The still life as a rectified camera pair sees it, with exact disparity, occlusion and labels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.evaluate.rendered.still_life import still_life
-from zpm2.evaluate.rendered.surfaces import Surface
+from zpm2.evaluate.rendered.surfaces import RenderedSurface
 
 PITCH = 0.27  # rad, both cameras look down by this angle
 EYE = np.array([-0.1, 1.55, 0.0])  # m, the left camera in room coordinates
@@ -24,7 +24,7 @@ GAIN = 1.06  # the right camera exposes this much longer
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RenderedScene:
     """A rendered pair. Left (x, y) and right (x - d, y) are one scene point; image coordinates as everywhere here."""
 
     left: NDArray[np.uint8]  # (h, w, 3) RGB
@@ -56,7 +56,7 @@ class _Camera:
         cos, sin = np.array([np.cos(PITCH), np.sin(PITCH)], x.dtype)
         return np.stack([right, -cos * down - sin, cos - sin * down])
 
-    def window(self, surface: Surface) -> tuple[float, float, float, float]:
+    def window(self, surface: RenderedSurface) -> tuple[float, float, float, float]:
         """x0, y0, x1, y1 px: the surface is not seen outside."""
         x, y, z = surface.corners() - self.position[:, None]
         depth = np.cos(PITCH) * z - np.sin(PITCH) * y
@@ -67,7 +67,7 @@ class _Camera:
         return float(u.min()), float(v.min()), float(u.max()), float(v.max())
 
 
-def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
+def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> RenderedScene:
     """The pair that `zpm2 demo` matches: ray cast, anti-aliased by 2 x 2 rays a pixel, the same for the same seed."""
     rng = np.random.default_rng(seed)
     surfaces = still_life(rng)
@@ -89,7 +89,7 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Scene:
         disparities.append(disparity.reshape(height, width).astype(np.float32))
         occlusions.append(~visible.reshape(height, width))
         labels.append((index + 1).reshape(height, width).astype(np.uint16))
-    return Scene(
+    return RenderedScene(
         left=images[0],
         right=images[1],
         disparity=disparities[0],
@@ -112,7 +112,7 @@ def _grid(width: int, height: int, times: int, dtype: type) -> tuple[NDArray[Any
 
 
 def _cast(
-    surfaces: Sequence[Surface], camera: _Camera, x: NDArray[Any], y: NDArray[Any]
+    surfaces: Sequence[RenderedSurface], camera: _Camera, x: NDArray[Any], y: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[np.int16]]:
     """(n,) depth, m, of what is seen at each image point, and which surface it is. `y` must not decrease."""
     rays = camera.rays(x, y)
@@ -131,7 +131,7 @@ def _cast(
 
 
 def _photograph(
-    surfaces: Sequence[Surface], lights: Sequence[NDArray[np.float32]], camera: _Camera, width: int, height: int
+    surfaces: Sequence[RenderedSurface], lights: Sequence[NDArray[np.float32]], camera: _Camera, width: int, height: int
 ) -> NDArray[np.float32]:
     """(height, width, 3) RGB, 0..255, the mean of 2 x 2 rays a pixel."""
     x, y = _grid(width, height, 2, np.float32)
@@ -159,7 +159,7 @@ def _sample(texture: NDArray[Any], u: NDArray[Any], v: NDArray[Any]) -> NDArray[
     return out
 
 
-def _light(surfaces: Sequence[Surface], rng: np.random.Generator) -> list[NDArray[np.float32]]:
+def _light(surfaces: Sequence[RenderedSurface], rng: np.random.Generator) -> list[NDArray[np.float32]]:
     """For each surface an (h, w, 3) map of the light that falls on it, 1 where it shows the texture's own colour.
 
     A window in front of the scene on the left gives soft shadows; light from the upper hemisphere that things near by
@@ -192,14 +192,14 @@ def _light(surfaces: Sequence[Surface], rng: np.random.Generator) -> list[NDArra
 
 
 def _free(
-    surfaces: Sequence[Surface],
+    surfaces: Sequence[RenderedSurface],
     start: NDArray[np.float32],
     ray: NDArray[np.float32],
     reach: float,
-    ask: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """(n,) which of the points to `ask` about see no surface within `reach` m in the direction `ray`."""
-    free = ask.copy()
+    """(n,) which of the `wanted` points see no surface within `reach` m in the direction `ray`."""
+    free = wanted.copy()
     passed = ray @ start
     for surface in surfaces:
         corners = surface.corners().astype(np.float32)

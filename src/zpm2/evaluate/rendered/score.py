@@ -13,7 +13,7 @@ from zpm2.model import Polygon, PolygonMatch
 
 
 @dataclass(frozen=True)
-class Score:
+class DisparityScore:
     """Counts over the matches that can be judged, and the area that the good ones explain."""
 
     good: int  # matches whose polygons overlap by at least the IoU asked for
@@ -22,21 +22,21 @@ class Score:
     coverage: float  # 0..1, share of the co-visible pixels that lie inside both polygons of a good match
 
 
-def score(
+def score_on_disparity(
     left_polygons: Sequence[Polygon],
     right_polygons: Sequence[Polygon],
     matches: Sequence[PolygonMatch],
     disparity: NDArray[np.floating[Any]],
     iou: float = 0.5,
-) -> Score:
+) -> DisparityScore:
     """Judges each match by the IoU of its two polygons over the pixels that both images see.
 
     disparity: (h, w) px of the left image, x_right = x_left - d, not finite where unknown; the right image has the same
-    size. What both images see and which matches can be judged is said in `evaluate.ground_truth`. `InputError` where a
+    size. `evaluate.ground_truth` defines what both images see and which matches can be judged. `InputError` where a
     match names a polygon that is not there, or two matches name the same one.
     """
     rows = match_rows(left_polygons, right_polygons, matches)
     size = disparity.shape[1], disparity.shape[0]
     overlaps = overlap(left_polygons, right_polygons, from_disparity(disparity, size), size, size)
     found = score_overlap(overlaps, rows, iou)
-    return Score(found.good, found.scored, found.P, found.CCR)
+    return DisparityScore(found.good, found.scored, found.P, found.CCR)

@@ -1,9 +1,9 @@
-"""Which things stand where: a corner of a room with a dozen and more objects, different for each seed."""
+"""The objects of the scene: a corner of a room with more than a dozen of them, different for each seed."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.evaluate.rendered.surfaces import Ball, Frustum, Patch, Surface, box
+from zpm2.evaluate.rendered.surfaces import Frustum, Rectangle, RenderedSurface, Sphere, box
 from zpm2.evaluate.rendered.textures import (
     Color,
     Texture,
@@ -28,42 +28,42 @@ PINE: tuple[Color, Color] = (176, 126, 70), (232, 192, 136)
 WALNUT: tuple[Color, Color] = (58, 36, 24), (120, 80, 54)
 
 
-def still_life(rng: np.random.Generator) -> list[Surface]:
+def still_life(rng: np.random.Generator) -> list[RenderedSurface]:
     """All surfaces of the scene, metres, room coordinates."""
     return [*_room(rng), *_pictures(rng), *_blocks(rng), *_vessels(rng), *_balls(rng), *_leaning(rng)]
 
 
-def _room(rng: np.random.Generator) -> list[Surface]:
+def _room(rng: np.random.Generator) -> list[RenderedSurface]:
     floor = wood(rng, 1200, 2200, *OAK, planks=17)
     wall = plaster(rng, 650, 1400, _near(rng, (186, 200, 194), 18))
     board = wood(rng, 40, 1400, (206, 202, 192), (236, 232, 224))
     rug = cloth(rng, 560, 1000, (150, 44, 40), (222, 186, 120), (38, 48, 84))
     return [
-        Patch(_at(-3.4, 0, WALL), _at(6.8, 0, 0), _at(0, 0, -3.6), floor),
-        Patch(_at(-3.4, 3.2, WALL), _at(6.8, 0, 0), _at(0, -3.2, 0), wall),
-        Patch(_at(-3.4, 0.13, WALL - 0.02), _at(6.8, 0, 0), _at(0, -0.13, 0), board),
-        Patch(_at(-1.05, 0.004, 3.05), _at(2.0, 0, 0), _at(0, 0, -1.15), rug),
+        Rectangle(_at(-3.4, 0, WALL), _at(6.8, 0, 0), _at(0, 0, -3.6), floor),
+        Rectangle(_at(-3.4, 3.2, WALL), _at(6.8, 0, 0), _at(0, -3.2, 0), wall),
+        Rectangle(_at(-3.4, 0.13, WALL - 0.02), _at(6.8, 0, 0), _at(0, -0.13, 0), board),
+        Rectangle(_at(-1.05, 0.004, 3.05), _at(2.0, 0, 0), _at(0, 0, -1.15), rug),
     ]
 
 
-def _pictures(rng: np.random.Generator) -> list[Surface]:
+def _pictures(rng: np.random.Generator) -> list[RenderedSurface]:
     ink: tuple[Color, ...] = ((206, 60, 44), (36, 84, 140), (238, 182, 52), (40, 44, 52))
     sources: list[Texture] = [
         framed(landscape(rng, 300, 440, (130, 176, 216), (58, 104, 74)), (110, 70, 42), rng),
         framed(abstract(rng, 330, 240, (240, 232, 214), ink), (52, 46, 44), rng),
         framed(landscape(rng, 250, 330, (232, 168, 120), (96, 70, 108)), (196, 156, 96), rng),
     ]
-    patches: list[Surface] = []
+    patches: list[RenderedSurface] = []
     for k, (x, texture) in enumerate(zip((-1.85, -0.25, 0.95), sources, strict=True)):
         height, width = texture.shape[0] / 560, texture.shape[1] / 560
         y = 1.84 + rng.uniform(-0.05, 0.05) + (0.04, 0.12, -0.02)[k]
         patches.append(
-            Patch(_at(x + rng.uniform(-0.05, 0.05), y, WALL - 0.03), _at(width, 0, 0), _at(0, -height, 0), texture)
+            Rectangle(_at(x + rng.uniform(-0.05, 0.05), y, WALL - 0.03), _at(width, 0, 0), _at(0, -height, 0), texture)
         )
     return patches
 
 
-def _blocks(rng: np.random.Generator) -> list[Surface]:
+def _blocks(rng: np.random.Generator) -> list[RenderedSurface]:
     """Boxes: a crate, a brick pier with a stone slab, a chest, a carton on it, a stone cube."""
     turn = rng.uniform(-0.12, 0.12, 6)
     crate = wood(rng, 240, 300, *PINE, planks=4)
@@ -82,7 +82,7 @@ def _blocks(rng: np.random.Generator) -> list[Surface]:
     ]
 
 
-def _vessels(rng: np.random.Generator) -> list[Surface]:
+def _vessels(rng: np.random.Generator) -> list[RenderedSurface]:
     """Things turned on a lathe: tins, a flower pot with its plant, a marble column, a lamp."""
     red, blue = _near(rng, (190, 44, 40), 22), _near(rng, (44, 84, 156), 22)
     tin = label(rng, 130, 500, red, (244, 236, 214), (40, 30, 30), "TOMATO")
@@ -95,7 +95,7 @@ def _vessels(rng: np.random.Generator) -> list[Surface]:
         *_can((0.72, 0, 2.3), 0.3, 0.12, 0.12, tin, lid),
         *_can((-0.3, 0.46, 3.58), 0.27, 0.1, 0.1, tea, lid),
         *_can((-0.46, 0, 2.75), 0.3, 0.15, 0.21, clay, stone(rng, 120, 120, (44, 32, 24), (84, 62, 46))),
-        Ball(_at(-0.46, 0.53, 2.75), 0.29, _tilted(rng), leaves(rng, 460, 920)),
+        Sphere(_at(-0.46, 0.53, 2.75), 0.29, _tilted(rng), leaves(rng, 460, 920)),
         *_can((-2.35, 0, 3.72), 0.8, 0.2, 0.17, white, marble(rng, 120, 120, (236, 232, 226), (112, 112, 122))),
         *_can((-2.35, 0.8, 3.72), 0.05, 0.16, 0.06, wood(rng, 30, 300, *WALNUT), lid),
         *_can((-2.35, 0.85, 3.72), 0.2, 0.035, 0.035, wood(rng, 60, 90, *WALNUT), lid),
@@ -103,32 +103,32 @@ def _vessels(rng: np.random.Generator) -> list[Surface]:
     ]
 
 
-def _balls(rng: np.random.Generator) -> list[Surface]:
+def _balls(rng: np.random.Generator) -> list[RenderedSurface]:
     beach: tuple[Color, ...] = ((236, 232, 222), (206, 52, 44), (240, 190, 48), (34, 106, 168))
     green = marble(rng, 300, 600, _near(rng, (58, 118, 96), 16), (206, 226, 212))
     return [
-        Ball(_at(1.06, 0.24, 2.85), 0.24, _tilted(rng), stripes(rng, 300, 600, beach, 12)),
-        Ball(_at(-1.6, 0.63, 3.1), 0.19, _tilted(rng), globe(rng, 300, 600)),
-        Ball(_at(0.16, 0.13, 2.34), 0.13, _tilted(rng), green),
+        Sphere(_at(1.06, 0.24, 2.85), 0.24, _tilted(rng), stripes(rng, 300, 600, beach, 12)),
+        Sphere(_at(-1.6, 0.63, 3.1), 0.19, _tilted(rng), globe(rng, 300, 600)),
+        Sphere(_at(0.16, 0.13, 2.34), 0.13, _tilted(rng), green),
     ]
 
 
-def _leaning(rng: np.random.Generator) -> list[Surface]:
+def _leaning(rng: np.random.Generator) -> list[RenderedSurface]:
     """Boards that lean against the wall and the pier."""
     ink: tuple[Color, ...] = ((24, 112, 122), (232, 120, 60), (246, 226, 190), (92, 48, 92))
     poster = abstract(rng, 520, 380, _near(rng, (236, 206, 150), 12), ink)
     plank = wood(rng, 560, 130, *PINE)
     return [
-        Patch(_at(0.72, 1.0, WALL - 0.06), _at(0.68, 0, 0.0), _at(0, -0.99, -0.4), poster),
-        Patch(_at(2.32, 1.35, WALL - 0.08), _at(0.3, 0, 0.02), _at(0.02, -1.34, -0.3), plank),
+        Rectangle(_at(0.72, 1.0, WALL - 0.06), _at(0.68, 0, 0.0), _at(0, -0.99, -0.4), poster),
+        Rectangle(_at(2.32, 1.35, WALL - 0.08), _at(0.3, 0, 0.02), _at(0.02, -1.34, -0.3), plank),
     ]
 
 
 def _can(
     foot: tuple[float, float, float], height: float, lower: float, upper: float, side: Texture, top: Texture
-) -> list[Surface]:
+) -> list[RenderedSurface]:
     x, y, z = foot
-    lid = Patch(_at(x - upper, y + height, z + upper), _at(2 * upper, 0, 0), _at(0, 0, -2 * upper), top, round=True)
+    lid = Rectangle(_at(x - upper, y + height, z + upper), _at(2 * upper, 0, 0), _at(0, 0, -2 * upper), top, round=True)
     return [Frustum(_at(x, y, z), height, lower, upper, side), lid]
 
 

@@ -1,4 +1,4 @@
-"""What the scene is made of: parallelograms, balls and frusta that know where a ray meets them.
+"""The surfaces of the scene, rectangles, spheres and frusta, and where rays meet them.
 
 Points and directions are (3, n) arrays in room coordinates, metres (x right, y up, z away from the cameras); u and v
 run from 0 to 1 over a surface's texture, along its columns and down its rows.
@@ -16,8 +16,8 @@ from zpm2.evaluate.rendered.textures import Texture
 Points = NDArray[Any]  # (3, n) float32 or float64
 
 
-class Surface(Protocol):
-    """Something that can be hit by a ray and looked at."""
+class RenderedSurface(Protocol):
+    """A textured surface that rays can hit."""
 
     @property
     def texture(self) -> Texture: ...
@@ -36,7 +36,7 @@ class Surface(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Rectangle:
     """A rectangle spanned by two perpendicular edges, or the ellipse in it; only the side to which `normal` points is
     seen and takes away light."""
 
@@ -79,7 +79,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Ball:
+class Sphere:
     """A sphere; the texture's top is at `axis`, its seam at the back."""
 
     center: NDArray[np.float64]  # (3,) m
@@ -164,7 +164,7 @@ class Frustum:
 
 def box(
     foot: tuple[float, float, float], size: tuple[float, float, float], yaw: float, sides: Texture, top: Texture
-) -> list[Patch]:
+) -> list[Rectangle]:
     """The five visible faces of a box that stands on the centre `foot`, turned by `yaw` radians about the vertical.
 
     size: width, height, depth, m.
@@ -182,6 +182,6 @@ def box(
         (-across, -away, width / 2, depth),
     ):
         corner = center + out * half - along * length / 2 + up
-        faces.append(Patch(corner, along * length, -up, sides))
+        faces.append(Rectangle(corner, along * length, -up, sides))
     lid = center + up - across * width / 2 + away * depth / 2
-    return [*faces, Patch(lid, across * width, -away * depth, top)]
+    return [*faces, Rectangle(lid, across * width, -away * depth, top)]

@@ -1,4 +1,4 @@
-"""Surfaces to look at: wood, stone, brick, marble, leaves, plaster and print, drawn from a random generator.
+"""Textures: wood, stone, brick, marble, leaves, plaster and print, drawn from a random generator.
 
 Each function gives (h, w, 3) uint8 RGB; a texel is about 2 mm of the surface it is put on, whatever the image's size.
 """

@@ -1,4 +1,4 @@
-"""Regions of an evaluation that is there already, so that methods and settings are compared on the same polygons."""
+"""Regions of an earlier evaluation, so that methods and settings are compared on the same polygons."""
 
 import dataclasses
 from pathlib import Path
@@ -13,10 +13,10 @@ from zpm2.polygons.rasterize import rasterize
 from zpm2.result import MatchResult
 
 
-class KeptRegions:
+class PredictedRegions:
     """The polygons of the predictions in `out`, the folder of an evaluation of the same data set.
 
-    `sides` are the left and the right segmenter; `turn_to` says which pair they are asked about next.
+    `sides` are the left and the right segmenter; `set_pair` chooses the pair whose regions they give.
     """
 
     def __init__(self, out: Path) -> None:
@@ -24,24 +24,24 @@ class KeptRegions:
             raise InputError(f"{out} holds no predictions to take regions from: give the folder of a zpm2 eval")
         self.out = out
         self.result: MatchResult | None = None
-        self.sides = KeptSide(self, "left"), KeptSide(self, "right")
+        self.sides = PredictedRegionsSegmenter(self, "left"), PredictedRegionsSegmenter(self, "right")
 
-    def turn_to(self, pair: EvalPair) -> None:
-        """`InputError` where the pair has no prediction there, or one of other photographs."""
+    def set_pair(self, pair: EvalPair) -> None:
+        """`InputError` where the pair has no prediction in the folder, or one of other photographs."""
         result = predictions.load(pair, self.out)
         if not isinstance(result, MatchResult):
             raise InputError(f"no regions of {pair.name} in {self.out}" + (f": {result}" if result else ""))
-        if not predictions.is_of(pair, self.out):
+        if not predictions.is_current(pair, self.out):
             raise InputError(f"the regions of {pair.name} in {self.out} are of other photographs: evaluate it anew")
         self.result = result
 
 
-class KeptSide:
-    """One side of `KeptRegions`, as a segmenter that gives polygons."""
+class PredictedRegionsSegmenter:
+    """One side of `PredictedRegions`, as a segmenter that gives polygons."""
 
     name = "kept"
 
-    def __init__(self, kept: KeptRegions, side: Literal["left", "right"]) -> None:
+    def __init__(self, kept: PredictedRegions, side: Literal["left", "right"]) -> None:
         self.kept, self.side = kept, side
         self.notes = [Note(f"taken from {kept.out}, not detected")]
 

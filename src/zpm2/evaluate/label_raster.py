@@ -1,4 +1,4 @@
-"""Polygons of one image on its pixels: one label raster, however much they overlap, and never a stack of masks."""
+"""The polygons of one image as one label raster, however much they overlap, in the place of a stack of masks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """The pixels of n polygons, cut into the m cells in which the same polygons lie; cell 0 is in no polygon."""
+class LabelRaster:
+    """The pixels of n polygons, cut into m cells, each of pixels in the same polygons; cell 0 is in none."""
 
     labels: NDArray[np.int32]  # (h, w) the cell of each pixel
     members: Any  # (n, m) scipy.sparse csr_array of 0 and 1: polygon k holds cell c
@@ -24,22 +24,22 @@ class Cells:
     pixels: NDArray[np.int64]  # (n,) pixels of each polygon
 
     def union(self, polygons: Rows) -> NDArray[np.bool_]:
-        """(m,) whether a cell lies in one of the polygons, which are given by their rows."""
+        """(m,) whether a cell lies in one of the `polygons`, given by their rows."""
         return np.asarray(self.members[np.unique(polygons)].sum(axis=0) > 0)
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
-        """(k,) the cell under each of (k, 2) points, image px; points beyond the border count to the pixel next."""
+        """(k,) the cell under each of (k, 2) points, image px; points beyond the border take the nearest pixel."""
         height, width = self.labels.shape
         columns = np.clip(points[:, 0].astype(np.intp), 0, width - 1)
         rows = np.clip(points[:, 1].astype(np.intp), 0, height - 1)
         return self.labels[rows, columns]
 
 
-def to_cells(polygons: Sequence[Polygon], width: int, height: int) -> Cells:
-    """The cells of all polygons of a width x height px image. Row k of everything is `polygons[k]`, whatever its id.
+def rasterize_labels(polygons: Sequence[Polygon], width: int, height: int) -> LabelRaster:
+    """The polygons of an image of width x height px. Row k of each array belongs to `polygons[k]`, whatever its id.
 
-    Each polygon splits the cells that it meets, so the work grows with the sum of the bounding boxes and the memory
-    with the image alone.
+    Each polygon splits the cells that it meets, so that the work grows with the sum of the bounding boxes and the
+    memory with the image alone.
     """
     labels = np.zeros((height, width), np.int32)
     holders: list[tuple[int, ...]] = [()]  # of each cell, the polygons that it lies in
@@ -53,11 +53,11 @@ def to_cells(polygons: Sequence[Polygon], width: int, height: int) -> Cells:
         holders += [(*holders[cell], k) for cell in split]
     sizes = np.bincount(labels.ravel(), minlength=len(holders)).astype(np.int64)
     members = _membership(holders, len(polygons))
-    return Cells(labels, members, sizes, np.asarray(members @ sizes))
+    return LabelRaster(labels, members, sizes, np.asarray(members @ sizes))
 
 
 def polygon_pixels(polygon: Polygon, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
-    """The window (rows, columns) of the image in which a polygon lies, and the pixels of the window that are its.
+    """The window (rows, columns) of the image in which a polygon lies, and which pixels of the window belong to it.
 
     A pixel belongs to a polygon if its centre lies inside (`polygons.rasterize.rasterize`): the area of a polygon along
     pixel edges is its number of pixels, and polygons that touch share none.

@@ -1,0 +1,239 @@
+"""From two large photographs to tiles: level by level, from all of the photograph down to full resolution.
+
+A left tile is matched with the window of the right photograph to which the points of the level above lead, each such
+pair by `PairMatcher` as if it were a pair of its own (points, guided detection).
+"""
+
+import contextlib
+import ctypes
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import memory
+from zpm2.config import Config
+from zpm2.features import PointMatcher
+from zpm2.model import Image, Mask, PointMatches, thin
+from zpm2.photos.raster import Window
+from zpm2.photos.source import Source
+from zpm2.photos.values import MIN_SIDE
+from zpm2.pipeline import PairMatcher
+from zpm2.runtime import Progress, StageTimer
+from zpm2.segment.protocol import Segmenter
+from zpm2.tiled import windows
+from zpm2.tiled.predict import (
+    PartnerWindow,
+    affine_by_georeference,
+    affine_map,
+    coherent_points,
+    partner_window,
+    square_view,
+)
+from zpm2.tiled.tile import SIDES, Tile, TileCache, Windows, tile_of_pair, tile_without_partner
+from zpm2.tiled.view import TileView, applied_turn, read_view, reduced_size
+
+COVER_CELLS = 32  # along each side of a window, in which its uncovered share is counted
+
+
+@dataclass(eq=False)
+class TileMatcher:
+    """The regions and points of a pair, tile by tile."""
+
+    sources: tuple[Source, Source]
+    config: Config
+    segmenters: tuple[Segmenter, Segmenter] | None  # None: regions are given, only points are wanted
+    points: PointMatcher | None  # in the place of the configured one
+    progress: Progress
+    timer: StageTimer
+    cache: TileCache
+
+    def __post_init__(self) -> None:
+        config, quiet = self.config, weights_only(self.progress)
+        min_area = min(config.tiles.min_region, config.segment.min_area)
+        of_tile = replace(
+            config,
+            segment=replace(config.segment, min_area=min_area),
+            max_memory=memory.UNLIMITED,  # the whole pair was checked before
+        )
+        segmenter = self.segmenters or _NoRegions()
+        self._whole = PairMatcher(of_tile, segmenter=segmenter, points=self.points, progress=quiet)
+        once = replace(of_tile, points=replace(of_tile.points, rotated_retry=False))
+        self._tile = PairMatcher(once, segmenter=segmenter, points=self.points, progress=quiet)
+        longest = max(max(source.width, source.height) for source in self.sources)
+        full_size = replace(once, points=replace(once.points, max_size=longest))
+        self._points_only = PairMatcher(full_size, segmenter=_NoRegions(), points=self.points, progress=quiet)
+
+    def tiles(self) -> list[Tile]:
+        """All tiles, coarsest level first."""
+        left, right = self.sources
+        layout, other = (windows.levels(source.width, source.height, self.config.tiles) for source in (left, right))
+        layout, other = _equally_many(layout, other), _equally_many(other, layout)
+        total = sum(map(len, layout))
+        found: list[Tile] = []
+        points = PointMatches.empty()
+        for level, level_windows in enumerate(layout):
+            here: list[Tile] = []
+            for n, window in enumerate(level_windows):
+                self.progress("tiles", min(1.0, (len(found) + len(here)) / total))
+                here.append(self._match(level, f"{level}-{n}", window, self._partner(level, window, points)))
+            if level and self.config.tiles.outside and self.segmenters is not None:
+                here += self._unseen(level, [tile.windows[1] for tile in here], other[level], len(level_windows))
+            found += here
+            chosen = self.config.tiles.partner
+            fresh = PointMatches.join([tile.points for tile in here])
+            fresh = coherent_points(fresh, chosen.noise * windows.side(level_windows[0]), chosen)
+            points = fresh if len(fresh) else points
+        self.progress("tiles", 1.0)
+        return found
+
+    def _partner(self, level: int, window: Window, points: PointMatches) -> PartnerWindow | None:
+        """By the points of the level above; without any, by georeferences, which may be off by a part of a tile. The
+        whole left photograph is compared with the whole right one, unless that is known to show much more."""
+        left, right = self.sources
+        tiles, chosen = self.config.tiles, self.config.tiles.partner
+        size = right.width, right.height
+        matrix = affine_map(points, window, chosen.noise * windows.side(window), chosen) if level else None
+        if matrix is not None:
+            found = partner_window(window, matrix, points, size, tiles.overlap, chosen)
+        else:
+            matrix = affine_by_georeference(window, left, right, chosen)
+            found = partner_window(window, matrix, points, size, chosen.georeference_margin, chosen)
+        if level == 0:
+            if found is None or windows.area(found.window) > chosen.max_first_share * right.width * right.height:
+                return PartnerWindow((0, 0, *size), max(size) / max(left.width, left.height), 0.0)
+        elif found is not None:
+            width, height = found.window[2] - found.window[0], found.window[3] - found.window[1]
+            shortest = min(chosen.min_side, min(self._view_size(window)) / 2)
+            if min(width, height) < shortest * self._reduction(window) * max(1.0, found.scale):
+                return None
+        return found
+
+    def _match(self, level: int, name: str, window: Window, partner: PartnerWindow | None) -> Tile:
+        """The tile of a left window and its partner."""
+        if partner is None:
+            return self._finished(name, (window, None), lambda both: self._alone(level, both))
+        right = self.sources[1].width, self.sources[1].height
+        if level == 0:
+            target, size = partner.window, self._view_size(partner.window)
+        else:
+            target, size = square_view(partner, self._reduction(window), right, self.config.tiles)
+        turn = 0.0 if thin(*size) else applied_turn(-partner.turn, self.config.tiles)
+
+        def match(both: Windows) -> Tile:
+            with self.timer("read"):
+                views = (
+                    read_view(self.sources[0], window, self._view_size(window)),
+                    read_view(self.sources[1], target, size, turn),
+                )
+            return self._pair(level, both, views)
+
+        return self._finished(name, (window, target), match)
+
+    def _finished(self, name: str, both: Windows, match: Callable[[Windows], Tile]) -> Tile:
+        """A tile from an earlier run, or matched now and kept."""
+        tile = self.cache.load(name, both)
+        if tile is None:
+            tile = match(both)
+            for stage, seconds in tile.seconds.items():
+                self.timer.seconds[stage] = self.timer.seconds.get(stage, 0.0) + seconds
+            self.cache.save(name, tile)
+            give_back_memory()
+        return tile
+
+    def _pair(self, level: int, both: Windows, views: tuple[TileView, TileView]) -> Tile:
+        images = views[0].image, views[1].image
+        if not all(self._has_data(image) and min(image.width, image.height) >= MIN_SIDE for image in images):
+            return self._separate(level, both, views)
+        matcher = self._tile if level else self._whole
+        if any(thin(image.width, image.height) for image in images):
+            matcher = self._points_only
+        return tile_of_pair(level, both, views, matcher(*images))
+
+    def _alone(self, level: int, both: Windows) -> Tile:
+        """The tile of one window without a partner."""
+        views: list[TileView | None] = []
+        with self.timer("read"):
+            for source, window in zip(self.sources, both, strict=True):
+                views.append(None if window is None else read_view(source, window, self._view_size(window)))
+        return self._separate(level, both, views)
+
+    def _separate(self, level: int, both: Windows, views: Sequence[TileView | None]) -> Tile:
+        """The regions of windows that have nothing in common, where they are wanted."""
+        start, found = perf_counter(), []
+        wanted = self.config.tiles.outside and self.segmenters is not None
+        for k, view in enumerate(views):
+            segmented = wanted and view is not None and self._can_be_segmented(view.image)
+            found.append((view, self._tile.regions(view.image, SIDES[k])) if segmented and view is not None else None)
+        return tile_without_partner(level, both, found, perf_counter() - start)
+
+    def _unseen(self, level: int, seen: Sequence[Window | None], own: Sequence[Window], number: int) -> list[Tile]:
+        """The windows of the right photograph at that level to which no left tile led."""
+        covered = [window for window in seen if window is not None]
+        alone = [window for window in own if _uncovered(window, covered) >= self.config.tiles.min_unseen]
+        return [
+            self._finished(f"{level}-{number + k}", (None, window), lambda both: self._alone(level, both))
+            for k, window in enumerate(alone)
+        ]
+
+    def _view_size(self, window: Window) -> tuple[int, int]:
+        """(width, height) px of the view of a window."""
+        return reduced_size(window, self._reduction(window))
+
+    def _reduction(self, window: Window) -> float:
+        """px of the photograph per px of the view, which is as long as a tile. A thin window is searched for points
+        only: its view has as many px as an overview."""
+        if thin(window[2] - window[0], window[3] - window[1]):
+            return max(1.0, math.sqrt(windows.area(window)) / self.config.tiles.overview)
+        return max(1.0, windows.side(window) / self.config.tiles.size)
+
+    def _has_data(self, image: Image) -> bool:
+        return image.valid is None or bool(image.valid.mean() > self.config.tiles.min_data)
+
+    def _can_be_segmented(self, image: Image) -> bool:
+        return self._has_data(image) and not thin(image.width, image.height)
+
+
+class _NoRegions:
+    """A segmenter for tiles of which only the points are wanted."""
+
+    name = "none"
+
+    def segment(self, image: Image) -> list[Mask]:
+        """None."""
+        return []
+
+
+def give_back_memory() -> None:
+    """Return free memory to the system: the GNU C library keeps what tiles leave, in pieces. Nothing elsewhere."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
+
+
+def weights_only(progress: Progress) -> Progress:
+    """Reports downloads of weights alone: everything else would be a bar for each tile."""
+    return lambda stage, share: progress(stage, share) if stage == "load" else None
+
+
+def _equally_many(levels: list[list[Window]], others: Sequence[object]) -> list[list[Window]]:
+    """The levels, with the first one repeated where the other photograph has more."""
+    return [levels[0]] * (len(others) - len(levels)) + levels
+
+
+def _uncovered(window: Window, others: Sequence[Window]) -> float:
+    """Share of a window that no other one covers, in steps of its sides by `COVER_CELLS`."""
+    free: NDArray[np.bool_] = np.ones((COVER_CELLS, COVER_CELLS), bool)
+    x0, y0, x1, y1 = window
+    step = np.array([x1 - x0, y1 - y0]) / COVER_CELLS
+    for other in others:
+        a, b, c, d = windows.common(window, other)
+        if c > a and d > b:
+            low = np.floor((np.array([a, b]) - [x0, y0]) / step + 0.01).astype(int)
+            high = np.ceil((np.array([c, d]) - [x0, y0]) / step - 0.01).astype(int)
+            free[low[1] : high[1], low[0] : high[0]] = False
+    return float(free.mean())
