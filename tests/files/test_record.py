@@ -217,7 +217,7 @@ def test_removal_is_in_one_place():
 HOLD = """
 import sys, time
 from pathlib import Path
-from zpm2.io.files import results_folder
+from zpm2.files.writing import results_folder
 with results_folder(Path(sys.argv[1]), ["a.json"]):
     print("in", flush=True)
     time.sleep(60)

@@ -110,7 +110,7 @@ import resource, sys
 from pathlib import Path
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 from zpm2.errors import OutputError
-from zpm2.io.files import atomic_write, results_folder
+from zpm2.files.writing import atomic_write, results_folder
 out = Path(sys.argv[1])
 try:
     with results_folder(out, ["a.json"]):

@@ -602,7 +602,7 @@ def test_warnings_and_logs_stay_away(tmp_path, capfd):
 
 GIANT = """
 import resource, sys, time
-from zpm2.io.raster import open_raster
+from zpm2.photos.raster import open_raster
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 with open_raster(sys.argv[1]) as opened:
     assert (opened.width, opened.height) == (60000, 40000)
