@@ -11,11 +11,11 @@ import boards
 import numpy as np
 import PIL.Image
 import pytest
+from remembered import remembered
 from rendered import Pair, Run
 
 import zpm2
 from zpm2 import config
-from zpm2.segment import sam_backend
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -39,7 +39,9 @@ def commands() -> list[str]:
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of four photographs of one scene."""
     folder = tmp_path_factory.mktemp("scene") / "photographs"
-    boards.write(folder, 4)
+    for path in boards.write(folder, 4):
+        with PIL.Image.open(path) as picture:
+            picture.resize((320, 240)).save(path)
     return folder
 
 
@@ -65,17 +67,7 @@ def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest
 
 @pytest.fixture(scope="module", autouse=True)
 def networks() -> Iterator[None]:
-    """The segmenter's networks are compiled once for all commands."""
-    opened: dict[tuple[object, ...], object] = {}
-
-    def once(model: str, backend: str, device: str, *told: object) -> object:
-        key = model, backend, device
-        if key not in opened:
-            opened[key] = sam_backend.open_backend(model, backend, device, *told)
-        return opened[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("zpm2.segment.sam.open_backend", once)
+    with remembered():
         yield
 
 

@@ -1,5 +1,6 @@
 """Each number of the configuration at both ends of what is allowed: refused before the work, or worked with in time."""
 
+import contextlib
 import signal
 from collections.abc import Iterator
 
@@ -7,17 +8,25 @@ import numpy as np
 import pytest
 from rendered import Pair, save_pair
 
-from zpm2.config import LARGEST, MOST, SHARES, Config, assign, describe, preset
+from zpm2.config import Config, assign, preset
+from zpm2.config.fields import rule_of
+from zpm2.config.whole import _fields
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.evaluate.rendered.scene import render_scene
 from zpm2.model import Camera
 from zpm2.pipeline import PairMatcher
 from zpm2.pose import PoseFinder
+from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 SECONDS = 20
 NETWORKS = ("segment.", "guided.", "raster.", "tiles.", "cloud.")  # need weights, rasters or a mesh: tests of their own
-NUMBERS = [name for name, kind, *_ in describe(Config()) if kind in ("int", "float") and not name.startswith(NETWORKS)]
+NUMBERS = {
+    name: rule_of(item)
+    for name, item, value in _fields(Config())
+    if type(value) in (int, float) and not name.startswith(NETWORKS)
+}
+pytestmark = pytest.mark.skipif(not hasattr(signal, "alarm"), reason="the system has no alarm")
 QUICK = ["points.methods=sift", "device=cpu", "pose.crops=off"]
 
 
@@ -38,21 +47,31 @@ def in_time() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+def matched(config: Config, pair: Pair) -> MatchResult:
+    regions = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+    return PairMatcher(config, segmenter=regions)(pair.left, pair.right)
+
+
+@pytest.fixture(scope="module")
+def usual(small: Pair) -> MatchResult:
+    return matched(assign(preset("default"), QUICK), small)
+
+
 @pytest.mark.parametrize("end", ["least", "most"])
 @pytest.mark.parametrize("name", NUMBERS)
-def test_an_option_at_its_end(name: str, end: str, small: Pair) -> None:
-    value = 0 if end == "least" else 1 if name in SHARES else MOST.get(name, LARGEST)
+def test_an_option_at_its_end(name: str, end: str, small: Pair, usual: MatchResult) -> None:
+    rule = NUMBERS[name]
+    value = rule.low if end == "least" else rule.high
     try:
-        config = assign(preset("default"), [*QUICK, f"{name}={value}"])
+        config = assign(preset("default"), [*QUICK, f"{name}={value:.10g}"])
         config.check_together()
     except ConfigError:
         return
-    regions = PrecomputedSegmenter(small.left_regions), PrecomputedSegmenter(small.right_regions)
-    try:
-        result = PairMatcher(config, segmenter=regions)(small.left, small.right)
-    except (ConfigError, InputError):
+    if not name.startswith("pose."):
+        with contextlib.suppress(ConfigError, InputError):
+            assert matched(config, small).matches is not None
         return
     scene = small.scene
     camera = Camera(np.array([[scene.f, 0, scene.cx], [0, scene.f, scene.cy], [0, 0, 1.0]]), (160, 120))
-    found = PoseFinder(config)(result, (camera, camera))
+    found = PoseFinder(config)(usual, (camera, camera))
     assert isinstance(found.pose, Failed) or np.isfinite(found.pose.rotation).all()

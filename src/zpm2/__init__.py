@@ -10,14 +10,14 @@ quick and loads no network library.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from zpm2._version import __version__
-
 if TYPE_CHECKING:
     from zpm2.api import Matcher, match
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.result import MatchResult
+
+    __version__: str
 
 __all__ = [
     "Config",
@@ -46,6 +46,8 @@ _HOME = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("zpm2.runtime").package_version()
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     if not name.startswith("_"):

@@ -202,6 +202,7 @@ def _placement_note(locations: PyramidLocations, config: Config) -> list[str]:
 
 
 def geometry_warnings(initial: InitialGeometry) -> list[str]:
+    """A warning for each of F and H that could not be estimated, with the reason."""
     found = []
     for name, estimated in (("fundamental matrix", initial.fundamental), ("homography", initial.homography)):
         if isinstance(estimated, Failed):

@@ -13,7 +13,6 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2._version import __version__
 from zpm2.config import Config, RasterConfig
 from zpm2.errors import Failed, InputError
 from zpm2.files.reading import WRONG
@@ -30,6 +29,7 @@ from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonArray
 from zpm2.model.brief import brief
 from zpm2.model.messages import split
 from zpm2.photos import reopen
+from zpm2.runtime import package_version
 from zpm2.view import pictures
 
 SCHEMA = "zpm2-matches/1"
@@ -53,7 +53,7 @@ class MatchResult:
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done on the way
-    version: str = field(default=__version__, repr=False)
+    version: str = field(default_factory=package_version, repr=False)
     non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
 
     __repr__ = brief

@@ -3,6 +3,7 @@
 Such a child lacks the threads that torch and OpenVINO compute with, and would wait for them for ever.
 """
 
+import functools
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -31,6 +32,17 @@ def refuse_forked() -> None:
         )
 
 
+@functools.cache
+def package_version() -> str:
+    """The version of the installed package, which the version control system gives it; else "unknown"."""
+    from importlib import metadata  # 10 ms
+
+    try:
+        return metadata.version("zpm2")
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
 class OneThreadAtATime:
     """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
 
@@ -51,7 +63,7 @@ Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
 
 
 def resolve_device(name: str) -> str:
-    """ "cpu" or "cuda" for "auto", "cpu" or "cuda"; `ConfigError` for any other, and for cuda where there is none."""
+    """The device, "cpu" or "cuda", of "auto", "cpu" or "cuda". `ConfigError` for others, or without a GPU for cuda."""
     if name not in ("auto", "cpu", "cuda"):
         raise ConfigError(f"unknown device '{name}'; devices are: auto, cpu, cuda")
     if name == "cpu":

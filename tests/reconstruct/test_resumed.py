@@ -34,8 +34,8 @@ def digests(workspace: Path) -> dict[str, str]:
 
 
 def test_killed_in_each_stage_and_resumed(tmp_path: Path) -> None:
-    photographs = boards.write(tmp_path / "photographs", 5)
-    assert reconstruct(photographs, tmp_path / "once", OPTIONS).registered == 5
+    photographs = boards.write(tmp_path / "photographs", 4)
+    assert reconstruct(photographs, tmp_path / "once", OPTIONS).registered == 4
     for stage, share, delay in (("structure", 0, 1.0), ("depth", 0.5, 0.0), ("mesh", 0, 0.3)):
         words = [sys.executable, "-c", DYING, tmp_path / "ws", stage, share, delay, *photographs]
         done = subprocess.run(list(map(str, words)), check=False, capture_output=True, text=True, timeout=200)

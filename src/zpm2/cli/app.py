@@ -4,13 +4,13 @@ import errno
 import json
 import sys
 from collections import Counter
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from zpm2._version import __version__
 from zpm2.api import check_method, finished, open_method, own_regions
 from zpm2.cli.cloud import cloud
 from zpm2.cli.config import app as config_app
@@ -50,6 +50,7 @@ from zpm2.cli.pose import pose
 from zpm2.cli.reconstruct import reconstruct
 from zpm2.cli.weights import app as weights_app
 from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.runtime import package_version
 
 if TYPE_CHECKING:
     from zpm2.result import MatchResult
@@ -92,6 +93,8 @@ SEGMENTERS = (*choices("segment.model")(), "precomputed")
 
 def main() -> None:
     """Entry point. Misuse prints one line and exits with 2; an interrupt says what stays and exits with 130."""
+    if isinstance(sys.stdout, TextIOWrapper):  # names that the code page of a Windows console lacks are no error
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         _no_empty_values(sys.argv[1:])
         with terminable():
@@ -133,7 +136,7 @@ def root(
 ) -> None:
     """Match polygons between two overlapping photographs."""
     if version:
-        print(__version__)
+        print(package_version())
         raise typer.Exit
 
 

@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from zpm2 import weights
-from zpm2._version import __version__
+from zpm2.runtime import package_version
 
 PACKAGES = (
     *("torch", "kornia", "openvino", "poselib", "opencv-python-headless", "shapely", "numpy", "scipy"),
@@ -20,7 +20,11 @@ def examine() -> dict[str, dict[str, Any]]:
 
 
 def _versions() -> dict[str, Any]:
-    found: dict[str, Any] = {"zpm2": __version__, "python": platform.python_version(), "system": platform.platform()}
+    found: dict[str, Any] = {
+        "zpm2": package_version(),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+    }
     for name in PACKAGES:
         try:
             found[name] = version(name)

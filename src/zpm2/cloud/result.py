@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2._version import __version__
 from zpm2.cloud.lift import Ring, outline_in
 from zpm2.cloud.patch import Patch, shares
 from zpm2.cloud.surface import Surface
@@ -21,6 +20,7 @@ from zpm2.files.places import place
 from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
+from zpm2.runtime import package_version
 from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ class PolygonCloud:
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done on the way
-    version: str = field(default=__version__, repr=False)
+    version: str = field(default_factory=package_version, repr=False)
 
     __repr__ = brief
 

@@ -66,6 +66,6 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
 
 
 def hint(name: str, known: Any) -> str:
-    """ " (did you mean ...?)" where one of the `known` names is close, else nothing."""
+    """What a message adds where one of the `known` names is close, " (did you mean ...?)"; else nothing."""
     close = get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

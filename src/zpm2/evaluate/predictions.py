@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2._version import __version__
 from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.files.keys import code, key
@@ -20,6 +19,7 @@ from zpm2.files.record import discard, keep, kept, made_folder
 from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
+from zpm2.runtime import package_version
 
 T = TypeVar("T")
 RUN, PREDICTIONS = "run.json", "predictions"
@@ -37,7 +37,7 @@ class PredictionSettings:
     method: str
     config: dict[str, Any]
     regions: str | None = None  # the folder of the evaluation whose polygons it took
-    version: str = __version__
+    version: str = field(default_factory=package_version)
     code: str = field(default_factory=code)  # a hash of the package's source
 
     def claim(self, out: Path) -> None:

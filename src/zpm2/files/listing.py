@@ -33,7 +33,10 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
     if len(set(names)) == len(names):
         return names
     whole = [Path(os.path.abspath(path)) for path in paths]
-    common = os.path.commonpath([path.parent for path in whole])
+    try:
+        common = os.path.commonpath([path.parent for path in whole])
+    except ValueError:  # on several drives of Windows
+        return ["/".join([path.drive.strip(":\\").replace("\\", "/"), *path.parts[1:]]) for path in whole]
     return [path.relative_to(common).as_posix() for path in whole]
 
 

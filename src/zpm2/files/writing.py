@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ from zpm2.files import record
 
 _ON_WRITING = {  # what only writing meets, and what to do
     errno.ENOSPC: "the disk is full; free some space",
-    errno.EDQUOT: "your share of the disk is full; free some space",
+    getattr(errno, "EDQUOT", -1): "your share of the disk is full; free some space",
     errno.EROFS: "permission denied, the disk can only be read; give a folder on another one",
     errno.EFBIG: "a file would be larger than allowed; raise the limit (ulimit -f), or give another disk",
 }
@@ -124,7 +125,8 @@ def why(error: OSError, path: Path) -> str:
     if error.errno in _ON_WRITING:
         return _ON_WRITING[error.errno]
     if error.errno in (errno.EACCES, errno.EPERM):
-        return "permission denied; give a folder that you may write to"
+        held = ", and close programs that have the file open" if sys.platform == "win32" else ""
+        return f"permission denied; give a folder that you may write to{held}"
     if error.errno == errno.ENAMETOOLONG:
         return "the name is too long; give a shorter one"
     if error.errno in (errno.ENOTDIR, errno.EEXIST):

@@ -287,8 +287,11 @@ def _undated(pyogrio: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) -> Iterator[None]:
-    """GDAL says of a full disk only that a transaction failed, and has given the space back by then: so is there room
-    for about what was to be written?"""
+    """Names a full disk as the reason of a failed write.
+
+    GDAL reports only that a transaction failed, and has freed the space by then. So this checks whether the disk has
+    room for about what was to be written.
+    """
     try:
         yield
     except RuntimeError as error:

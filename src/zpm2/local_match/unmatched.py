@@ -26,7 +26,9 @@ def reasons(
     seen: NDArray[np.float64],
     min_overlap: float,
 ) -> dict[int, Reason]:
-    """Polygon id -> why it has no partner, for those of n polygons without one; the first that holds of
+    """Polygon id -> why it has no partner, for those of n polygons without one.
+
+    It is the first of these that holds:
 
     - "outside overlap": less than half of the place where it should be is in the other photograph, or has data there;
     - "occluded": most of that place is covered by polygons whose partners are elsewhere in its own photograph;

@@ -143,6 +143,7 @@ def count_pages(picture: PIL.Image.Image) -> str:
 
 
 def first_page_note(pages: int | str) -> str:
+    """The note of a file with several pictures."""
     return f"Only the first of {pages} pictures in the file is used."
 
 

@@ -36,12 +36,12 @@ class Source(Protocol):
 
     @property
     def width(self) -> int:
-        """px"""
+        """In px."""
         ...
 
     @property
     def height(self) -> int:
-        """px"""
+        """In px."""
         ...
 
     @property

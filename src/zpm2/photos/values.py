@@ -102,6 +102,7 @@ def check(values: Values, what: str) -> None:
 
 
 def check_sides(width: int, height: int, what: str) -> None:
+    """`InputError` for a photograph `what` that is too small to find anything in."""
     if min(height, width) < MIN_SIDE:
         raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2._version import __version__
 from zpm2.errors import Failed, InputError
 from zpm2.files.writing import atomic_write, claim
 from zpm2.model import Camera
@@ -20,6 +19,7 @@ from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
 from zpm2.pose.points import Correspondences
 from zpm2.pose.refine import Refined
+from zpm2.runtime import package_version
 from zpm2.stereo.camera_check import doubts
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ class PoseResult:
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()
     baseline: float | None = None  # distance of the cameras in the unit of the user's choice, where it is known
-    version: str = field(default=__version__, repr=False)
+    version: str = field(default_factory=package_version, repr=False)
 
     __repr__ = brief
 

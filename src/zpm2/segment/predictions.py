@@ -58,7 +58,7 @@ class MaskPredictions:
 
     @property
     def bits(self) -> NDArray[np.bool_]:
-        """(n, h, w)"""
+        """(n, h, w) of the pixels inside."""
         return np.asarray(self.logits > 0)
 
     @staticmethod

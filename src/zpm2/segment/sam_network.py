@@ -158,7 +158,7 @@ def _position(sam: Any) -> Tensor:
 
 
 def _heads(x: Tensor, heads: int) -> Tensor:
-    """(B, T, C) -> (B, heads, T, C / heads)"""
+    """(B, T, C) -> (B, heads, T, C / heads)."""
     b, t, c = x.shape
     return x.reshape(b, t, heads, c // heads).transpose(1, 2)
 

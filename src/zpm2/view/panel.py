@@ -58,6 +58,7 @@ class Label:
 
 
 def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
+    """Polygons by their id; `InputError` where two have the same."""
     table = {p.id: p for p in polygons}
     if len(table) != len(polygons):
         raise InputError(f"two {side} polygons have the same id: number them first")
@@ -65,6 +66,7 @@ def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
 
 
 def share(polygon: Polygon, size: tuple[int, int]) -> float:
+    """The part of an image of `size` (width, height) px that the polygon covers, 0..1."""
     return polygon.area / (size[0] * size[1])
 
 
@@ -82,6 +84,7 @@ def region_of(
     label: str,
     dash: tuple[float, float] = SOLID,
 ) -> Region:
+    """A polygon as it is drawn on a panel of `size` (width, height) px; scale: (2,) panel px per px."""
     low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, size).astype(int)
     high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, size).astype(int)
     box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
@@ -201,6 +204,7 @@ def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, i
 
 @cache
 def font(size: int) -> PIL.ImageFont.FreeTypeFont | PIL.ImageFont.ImageFont:
+    """Pillow's own font, `size` px high."""
     return PIL.ImageFont.load_default(size)
 
 
@@ -223,6 +227,7 @@ def _place(label: Label, free: Pixels) -> Label:
 
 
 def write(panel: Pixels, labels: Sequence[Label]) -> Pixels:
+    """The panel with its labels on it."""
     picture = PIL.Image.fromarray(panel)
     draw = PIL.ImageDraw.Draw(picture)
     for label in labels:

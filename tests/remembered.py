@@ -1,0 +1,50 @@
+"""SAM for tests that run many commands on the same photographs: loaded once, and asked once about each prompt."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import copy
+
+import pytest
+
+from zpm2.model import Image
+from zpm2.segment import sam, sam_backend
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.sam import SamSegmenter, SamView
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """Within it the networks run once for each photograph and each call with the same prompts; all else is as ever."""
+    opened: dict[tuple[object, ...], sam_backend.SamBackend] = {}
+    views: dict[tuple[object, ...], SamView] = {}
+    found: dict[tuple[object, ...], MaskPredictions] = {}
+    predict = SamView.predict
+
+    def open_once(model: str, backend: str, device: str, *more: object) -> sam_backend.SamBackend:
+        key = model, backend, device
+        if key not in opened:
+            opened[key] = sam_backend.open_backend(model, backend, device, *more)  # type: ignore[arg-type]
+        return opened[key]
+
+    def view_once(segmenter: SamSegmenter, image: Image) -> SamView:
+        backend = segmenter.load()
+        key = id(backend), image.rgb.shape, hashlib.sha256(image.rgb.tobytes()).digest()
+        if key not in views:
+            views[key] = SamView(backend, image, segmenter.config)
+        view = copy(views[key])
+        view.image, view.config = image, segmenter.config
+        return view
+
+    def predict_once(view: SamView, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        offset = view.config.stability_offset
+        key = id(view.parts), offset, thresholds, prompts.points.tobytes(), prompts.labels.tobytes()
+        if key not in found:
+            found[key] = predict(view, prompts, thresholds)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sam, "open_backend", open_once)
+        patch.setattr(SamSegmenter, "view", view_once)
+        patch.setattr(SamView, "predict", predict_once)
+        yield
