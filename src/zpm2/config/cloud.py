@@ -62,4 +62,3 @@ class CloudConfig:
         1.0, "disparity between neighbouring pixels, beyond which the surface of a stereo pair is torn", unit="px"
     )
     max_faces: int = number(4_000_000, "of the surface of a stereo pair; larger maps are thinned", low=2)
-    points: int = number(200_000, "sampled on all patches, about, where no spacing is given", low=1)
