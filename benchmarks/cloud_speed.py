@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 from match_pairs import environment
 
-from zpm2.cloud import Cutter, Lifted, Patch, Surface, lift, open_caster, walk
+from zpm2.cloud import Cutter, Lifted, SurfaceMesh, SurfacePatch, SurfaceView, lift, open_caster, trace_paths
+from zpm2.config import CloudConfig
 from zpm2.model import Camera, Polygon, PosedCamera
 
-RAYS, WALKS, EYE = 300_000, 2_000, np.array([0.0, 0.0, 3.0])
+RAYS, PATHS, EYE = 300_000, 2_000, np.array([0.0, 0.0, 3.0])
 DOWN = np.diag([1.0, -1.0, -1.0])
 CAMERA = Camera(np.array([[6000.0, 0, 2000], [0, 6000, 2000], [0, 0, 1]]), (4000, 4000))
-VIEW = PosedCamera(CAMERA, DOWN, -DOWN @ EYE)
+OVERHEAD = PosedCamera(CAMERA, DOWN, -DOWN @ EYE)
 
 
 def terrain(faces: int) -> tuple[Any, Any]:
@@ -47,7 +48,7 @@ def polygons(rng: np.random.Generator, count: int = 1000) -> list[Polygon]:
 def measured(faces: int) -> dict[str, Any]:
     mesh, rng = terrain(faces), np.random.default_rng(0)
     start = time.perf_counter()
-    surface = Surface.of(*mesh)
+    surface = SurfaceMesh.of(*mesh)
     read = time.perf_counter() - start
     start = time.perf_counter()
     caster = open_caster(surface)
@@ -57,26 +58,27 @@ def measured(faces: int) -> dict[str, Any]:
     start = time.perf_counter()
     hits = caster.first_hits(np.broadcast_to(EYE, place.shape), place - EYE)
     cast = time.perf_counter() - start
-    first = place[:WALKS]
-    angle = rng.uniform(0, 2 * np.pi, WALKS)
+    first = place[:PATHS]
+    angle = rng.uniform(0, 2 * np.pi, PATHS)
     second = np.clip(first + 0.075 * np.c_[np.cos(angle), np.sin(angle), 0 * angle], -0.9, 0.9)
     one, other = (caster.first_hits(np.broadcast_to(EYE, p.shape), p - EYE) for p in (first, second))
     start = time.perf_counter()
-    walks = walk(surface, (one.face, one.point), (other.face, other.point), np.broadcast_to(EYE, first.shape))
-    walked = time.perf_counter() - start
+    begin, target = (one.face, one.point), (other.face, other.point)
+    paths = trace_paths(surface, begin, target, np.broadcast_to(EYE, first.shape), CloudConfig())
+    traced = time.perf_counter() - start
     start = time.perf_counter()
-    lifts = lift(polygons(rng), VIEW, surface, caster)
+    lifts = lift(polygons(rng), SurfaceView(OVERHEAD, surface, caster), CloudConfig())
     lifted = [found for found in lifts if isinstance(found, Lifted)]
     took = time.perf_counter() - start
     start = time.perf_counter()
-    cutter = Cutter(surface, VIEW)
+    cutter = Cutter(surface, OVERHEAD)
     patches = [cutter.cut(found) for found in lifted]
     cut = time.perf_counter() - start
     segments = sum(len(ring.points) for found in lifted for ring in found.rings)
     return {
         "polygons_s": round(took, 2),
         "cut_s": round(cut, 2),
-        "patches": sum(isinstance(patch, Patch) for patch in patches),
+        "patches": sum(isinstance(patch, SurfacePatch) for patch in patches),
         "polygons_lifted": len(lifted) / len(lifts),
         "segments_on_surface": round(1 - sum(found.bridged for found in lifted) / segments, 5),
         "faces": len(surface.faces),
@@ -84,9 +86,9 @@ def measured(faces: int) -> dict[str, Any]:
         "tree_s": round(built, 3),
         "hit": float(hits.found.mean()),
         "rays_per_s": round(RAYS / cast),
-        "arrived": float(walks.arrived.mean()),
-        "crossings": len(walks.points),
-        "crossings_per_s": round(len(walks.points) / walked),
+        "arrived": float(paths.arrived.mean()),
+        "crossings": len(paths.points),
+        "crossings_per_s": round(len(paths.points) / traced),
     }
 
 

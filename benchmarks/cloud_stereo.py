@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from match_pairs import environment
 
-from zpm2.cloud import MatchedPair, PolygonCloud, View, build, fill_holes, open_caster
+from zpm2.cloud import MatchedPair, PolygonCloud, PosedPhotograph, SurfaceView, build, fill_holes, open_caster
+from zpm2.cloud.constraints import violations
 from zpm2.cloud.disparity_mesh import disparity_mesh
-from zpm2.cloud.trial import faults
-from zpm2.config import CloudConfig
+from zpm2.config import CloudConfig, StereoConfig
 from zpm2.errors import Failed
 from zpm2.evaluate.datasets.pair_list import from_json
 from zpm2.evaluate.pairs import DisparityTruth, EvalPair
@@ -58,20 +58,21 @@ def measured(pair: EvalPair, predictions: Path) -> list[dict[str, Any]]:
     left, right = read_image(pair.left), read_image(pair.right)
     size = left.width, left.height
     camera = Camera(np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1.0]]), size)
-    bounds = disparity_range(result.points.left[:, 0] - result.points.right[:, 0], left.width)
+    bounds = disparity_range(result.points.left[:, 0] - result.points.right[:, 0], left.width, StereoConfig())
     if isinstance(bounds, Failed):
         return [{"pair": pair.name, "failed": str(bounds)}]
     offset = max(0, 2 - bounds[0])  # so that all of the search lies before the cameras
     rig = rig_of(camera, Camera(camera.matrix + offset * np.eye(3, k=2), size), 1.0)
     start = time.perf_counter()
-    surface = disparity_mesh(semi_global(left, right, *bounds), rig)
-    surface = fill_holes(surface, CloudConfig().fill * surface.extent)
+    surface = disparity_mesh(semi_global(left, right, *bounds, StereoConfig()), rig, CloudConfig())
+    surface = fill_holes(surface, CloudConfig())
     caster = open_caster(surface)
     made = time.perf_counter() - start
     truth = read_disparity(pair.truth.file, size, pair.truth.scale, pair.truth.sign)
-    views = [View(side, Path(side), view) for side, view in zip(("left", "right"), rig.views, strict=True)]
+    views = [PosedPhotograph(side, Path(side), view) for side, view in zip(("left", "right"), rig.views, strict=True)]
     outlines = [polygon.shape for polygon in result.matched_polygons()[0]]
-    naive = [fault is not None for fault in faults(outlines, rig.views[0], surface, caster, CloudConfig())]
+    on_mesh = SurfaceView(rig.views[0], surface, caster)
+    naive = [found is not None for found in violations(outlines, on_mesh, CloudConfig())]
     rows = []
     for mode in MODES:
         start = time.perf_counter()

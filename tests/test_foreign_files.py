@@ -10,7 +10,6 @@ from rendered import Pair, Run
 
 from zpm2.api import Matcher
 from zpm2.config import assign, preset
-from zpm2.reconstruct import Options
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -93,8 +92,8 @@ def command(
     if request.param == "reconstruct":
         pytest.importorskip("pycolmap")
         boards.write(tmp_path / "photographs")
-        monkeypatch.setattr("zpm2.reconstruct.Options", partial(Options, poisson_depth=8))
-        return "reconstruct", ("reconstruct", tmp_path / "photographs", "--max-size", 240)
+        small = "--max-size", 240, "--set", "reconstruct.poisson_depth=8"
+        return "reconstruct", ("reconstruct", tmp_path / "photographs", *small)
     data = tmp_path / "data"
     data.mkdir()
     known = {"left": str(pair.left), "right": str(pair.right), "gt": None}

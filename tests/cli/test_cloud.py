@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from zpm2.cli.cloud import _asked
 from zpm2.cloud.disparity_mesh import disparity_mesh
 from zpm2.cloud.export import write_surface
-from zpm2.config import assign, preset
+from zpm2.config import CloudConfig, assign, preset
 from zpm2.files.keys import key
 from zpm2.files.record import keep, made_folder
 from zpm2.formats import claim
@@ -125,7 +125,7 @@ def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
         shift = " ".join(map(repr, view.translation.tolist()))
         lines += [f"{number} {w} {x} {y} {z} {shift} 1 {path.name}", ""]
     (model / "images.txt").write_text("\n".join(lines) + "\n")
-    write_surface(disparity_mesh(pair.scene.disparity, rig), folder / "mesh.ply")
+    write_surface(disparity_mesh(pair.scene.disparity, rig, CloudConfig()), folder / "mesh.ply")
     return folder
 
 
@@ -189,10 +189,10 @@ def test_non_overlapping(workspace: Path, matches: Path, run: Run, tmp_path: Pat
 
 
 def test_a_mesh_in_another_frame(workspace: Path, rig: Rig, pair: Pair, run: Run, tmp_path: Path) -> None:
-    from zpm2.cloud import Surface
+    from zpm2.cloud import SurfaceMesh
 
-    mesh = disparity_mesh(pair.scene.disparity, rig)
-    away = Surface.of(mesh.vertices + np.array([0, 0, -100.0]), mesh.faces)
+    mesh = disparity_mesh(pair.scene.disparity, rig, CloudConfig())
+    away = SurfaceMesh.of(mesh.vertices + np.array([0, 0, -100.0]), mesh.faces)
     write_surface(away, tmp_path / "away.ply")
     code, _, err = run("cloud", workspace, "--mesh", tmp_path / "away.ply", "-o", tmp_path / "out", *SIFT)
     assert code == 2

@@ -7,7 +7,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2.cloud import MatchedPair, PolygonCloud, Surface, View, build, open_caster
+from zpm2.cloud import MatchedPair, PolygonCloud, PosedPhotograph, SurfaceMesh, build, open_caster
 from zpm2.config import CloudConfig, preset
 from zpm2.errors import Failed
 from zpm2.model import Camera, ImagePolygons, PointMatches, Polygon, PolygonMatch, PosedCamera
@@ -57,18 +57,18 @@ def matched(
     return MatchResult(*sides, matches, nothing, why, why, {}, {})
 
 
-def views_of(cameras: Sequence[PosedCamera], folder: Path) -> list[View]:
+def views_of(cameras: Sequence[PosedCamera], folder: Path) -> list[PosedPhotograph]:
     """The cameras with grey photographs."""
     found = []
     for k, camera in enumerate(cameras):
         path = folder / f"{k}.png"
         PIL.Image.new("RGB", camera.camera.size, (90, 120, 40 + k)).save(path)
-        found.append(View(path.name, path, camera))
+        found.append(PosedPhotograph(path.name, path, camera))
     return found
 
 
 def cloud_of(
-    surface: Surface,
+    surface: SurfaceMesh,
     outlines: Sequence[Array],
     cameras: Sequence[PosedCamera],
     folder: Path,

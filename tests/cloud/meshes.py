@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.cloud import Surface
+from zpm2.cloud import SurfaceMesh
 
 Array = NDArray[np.float64]
 
 
-def grid(n: int = 12, size: float = 2.0, height: Array | None = None, seed: int | None = None) -> Surface:
+def grid(n: int = 12, size: float = 2.0, height: Array | None = None, seed: int | None = None) -> SurfaceMesh:
     """(n + 1)^2 vertices over a square around the origin, z = `height` (else 0); with a seed, jittered in the plane."""
     x, y = np.meshgrid(np.linspace(-size / 2, size / 2, n + 1), np.linspace(-size / 2, size / 2, n + 1))
     if seed is not None:
@@ -18,10 +18,10 @@ def grid(n: int = 12, size: float = 2.0, height: Array | None = None, seed: int 
     z = np.zeros_like(x) if height is None else height
     at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
-    return Surface.of(np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]])
+    return SurfaceMesh.of(np.c_[x.ravel(), y.ravel(), z.ravel()], np.r_[np.c_[a, b, c], np.c_[a, c, d]])
 
 
-def sphere(times: int = 3, radius: float = 1.0) -> Surface:
+def sphere(times: int = 3, radius: float = 1.0) -> SurfaceMesh:
     """An icosahedron, each triangle cut in four `times` times, all vertices on the sphere."""
     g = (1 + 5**0.5) / 2
     points = np.array([[0, s, t * g] for s in (-1, 1) for t in (-1, 1)], np.float64)
@@ -42,16 +42,16 @@ def sphere(times: int = 3, radius: float = 1.0) -> Surface:
         "ni,ni->n", np.cross(*(points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2))), points[faces[:, 0]]
     )
     faces[inward < 0] = faces[inward < 0][:, [0, 2, 1]]
-    return Surface.of(points, faces)
+    return SurfaceMesh.of(points, faces)
 
 
-def on_faces(surface: Surface, faces: NDArray[np.int64], seed: int) -> Array:
+def on_faces(surface: SurfaceMesh, faces: NDArray[np.int64], seed: int) -> Array:
     """A point inside each of `faces`."""
     weights = np.random.default_rng(seed).dirichlet([2.0, 2.0, 2.0], len(faces))
     return np.asarray(np.einsum("nk,nki->ni", weights, surface.corners[faces]))
 
 
-def distance_to(surface: Surface, face: int, point: Array) -> float:
+def distance_to(surface: SurfaceMesh, face: int, point: Array) -> float:
     """From a point to a triangle: 0 inside."""
     a, b, c = surface.corners[face]
     weights, *_ = np.linalg.lstsq(np.c_[b - a, c - a], point - a, rcond=None)
@@ -60,7 +60,7 @@ def distance_to(surface: Surface, face: int, point: Array) -> float:
     return float(np.linalg.norm(a + (b - a) * u / total + (c - a) * v / total - point))
 
 
-def cylinder(radius: float = 1.0, length: float = 4.0, n: int = 48) -> Surface:
+def cylinder(radius: float = 1.0, length: float = 4.0, n: int = 48) -> SurfaceMesh:
     """Along x, around the origin."""
     turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
     steps = np.linspace(-length / 2, length / 2, n + 1)
@@ -68,4 +68,4 @@ def cylinder(radius: float = 1.0, length: float = 4.0, n: int = 48) -> Surface:
     at = np.arange((n + 1) * n).reshape(n + 1, n)
     a, b = at[:-1], at[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    return Surface.of(points, np.r_[np.c_[a.ravel(), b.ravel(), c.ravel()], np.c_[a.ravel(), c.ravel(), d.ravel()]])
+    return SurfaceMesh.of(points, np.r_[np.c_[a.ravel(), b.ravel(), c.ravel()], np.c_[a.ravel(), c.ravel(), d.ravel()]])

@@ -7,7 +7,7 @@ import pytest
 from clouds import cloud_of, looking_down, matched, squares, views_of
 from meshes import distance_to, grid
 
-from zpm2.cloud import MatchedPair, Surface, build, open_caster
+from zpm2.cloud import MatchedPair, SurfaceMesh, build, open_caster
 from zpm2.config import CloudConfig
 from zpm2.errors import InputError
 
@@ -61,7 +61,7 @@ def test_a_cycle_that_does_not_close(tmp_path: Path) -> None:
 def test_large_coordinates_lose_nothing(tmp_path: Path) -> None:
     offset = np.array([431_000.5, 5_411_000.25, 310.0])
     near = grid(12, seed=2)
-    far = Surface.of(near.vertices + near.origin + offset, near.faces)
+    far = SurfaceMesh.of(near.vertices + near.origin + offset, near.faces)
     cameras = [looking_down(x, 0.1, 2.5, offset) for x in (-0.4, 0.4)]
     cloud = cloud_of(far, squares(offset), cameras, tmp_path)
     assert len(cloud.patches) == 9
@@ -86,7 +86,7 @@ def test_parts_know_their_wholes(tmp_path: Path) -> None:
 
 
 def test_a_mesh_in_another_frame_is_said(tmp_path: Path) -> None:
-    away = Surface.of(grid(6).vertices + np.array([500.0, 0, 0]), grid(6).faces)
+    away = SurfaceMesh.of(grid(6).vertices + np.array([500.0, 0, 0]), grid(6).faces)
     with pytest.raises(InputError, match="same coordinates"):
         cloud_of(away, squares(), CAMERAS[:2], tmp_path)
 

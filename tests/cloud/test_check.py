@@ -4,7 +4,7 @@ import pytest
 from clouds import looking_down, matched, squares
 from meshes import grid
 
-from zpm2.cloud import lift
+from zpm2.cloud import SurfaceView, lift
 from zpm2.cloud.check import Agreement, cross_check
 from zpm2.cloud.rays import EveryTriangle
 from zpm2.config import CloudConfig, preset
@@ -17,9 +17,10 @@ def agreements(partner: list[int] | None = None, size: float = 2.0) -> list[Agre
     surface, config = grid(14, size=size, seed=4), preset("default").cloud
     caster = EveryTriangle(surface)
     left, right = matched(squares(), CAMERAS, partner).matched_polygons()
-    lifted = [lift(side, camera, surface, caster, config) for side, camera in zip((left, right), CAMERAS, strict=True)]
+    views = SurfaceView(CAMERAS[0], surface, caster), SurfaceView(CAMERAS[1], surface, caster)
+    lifted = [lift(side, view, config) for side, view in zip((left, right), views, strict=True)]
     pairs, both = list(zip(left, right, strict=True)), list(zip(*lifted, strict=True))
-    return cross_check(pairs, both, CAMERAS, surface, caster, config)
+    return cross_check(pairs, both, views, config)
 
 
 def test_true_matches_agree() -> None:
@@ -28,7 +29,7 @@ def test_true_matches_agree() -> None:
         assert agreement.overlap > 0.99
         assert agreement.distance < 0.005
         assert agreement.size == pytest.approx(0.3, rel=0.01)
-        assert agreement.fault(CloudConfig()) == ""
+        assert agreement.objection(CloudConfig()) == ""
 
 
 def test_wrong_ones_do_not() -> None:
@@ -37,8 +38,8 @@ def test_wrong_ones_do_not() -> None:
         assert isinstance(agreement, Agreement)
         assert agreement.overlap == 0
         assert agreement.distance > 0.05
-        assert "not the same place" in agreement.fault(CloudConfig())
-        assert "lie apart" in agreement.fault(CloudConfig(min_overlap=0.0, max_distance=0.1))
+        assert "not the same place" in agreement.objection(CloudConfig())
+        assert "lie apart" in agreement.objection(CloudConfig(min_overlap=0.0, max_distance=0.1))
 
 
 def test_a_part_is_compared_with_its_share() -> None:

@@ -6,8 +6,8 @@ import shapely
 from meshes import grid
 from test_lift import SQUARE, above, check_closed_on_surface, step
 
-from zpm2.cloud import Lifted, Surface, lift, open_caster
-from zpm2.cloud.diffusion import one_surface, without_places
+from zpm2.cloud import Lifted, SurfaceMesh, SurfaceView, lift, open_caster
+from zpm2.cloud.diffusion import one_surface, without_discs
 from zpm2.config import CloudConfig
 from zpm2.model import Polygon
 
@@ -24,7 +24,7 @@ def over_the_edge() -> Polygon:
 def test_only_what_hangs_over_is_taken_away() -> None:
     surface, view, polygon = step(), above(3.0), over_the_edge()
     caster = open_caster(surface)
-    (whole,), (part,) = (lift([polygon], view, surface, caster, config) for config in (SCALE, PART))
+    (whole,), (part,) = (lift([polygon], SurfaceView(view, surface, caster), config) for config in (SCALE, PART))
     assert isinstance(whole, Lifted)
     assert isinstance(part, Lifted)
     edge = view.project(np.array([[0.0, 0, 0.5]]))[0, 0]
@@ -46,16 +46,18 @@ def test_only_what_hangs_over_is_taken_away() -> None:
 
 def test_a_polygon_that_lies_on_one_surface_is_itself() -> None:
     surface = grid(16, seed=3)
-    parts, usual = one_surface([Polygon(0, SQUARE).shape], above(2.0), surface, open_caster(surface), PART)
+    view = SurfaceView(above(2.0), surface, open_caster(surface))
+    parts, spacings = one_surface([Polygon(0, SQUARE).shape], view, PART)
+
     assert parts[0].area == pytest.approx(Polygon(0, SQUARE).area, rel=1e-6)
-    assert usual[0] == pytest.approx(2.0 / 500, rel=0.05)
+    assert spacings[0] == pytest.approx(2.0 / 500, rel=0.05)
 
 
 def test_holes_of_the_mesh_are_left_out() -> None:
     whole = grid(20)
     middle = np.abs(whole.corners.mean(1)[:, :2] - [0.3, 0]).max(1) < 0.25
-    surface = Surface.of(whole.vertices, whole.faces[~middle])
-    (found,) = lift([Polygon(0, SQUARE)], above(2.0), surface, open_caster(surface), PART)
+    surface = SurfaceMesh.of(whole.vertices, whole.faces[~middle])
+    (found,) = lift([Polygon(0, SQUARE)], SurfaceView(above(2.0), surface, open_caster(surface)), PART)
     assert isinstance(found, Lifted)
     assert found.bridged <= 0.02 * len(found.rings[0].points)  # at the rim of the hole
     assert 0.6 < found.scale < 1.0
@@ -63,13 +65,15 @@ def test_holes_of_the_mesh_are_left_out() -> None:
 
 def test_nothing_below() -> None:
     surface = grid(4, size=0.01)
-    parts, usual = one_surface([Polygon(0, SQUARE + 200).shape], above(2.0), surface, open_caster(surface), PART)
+    view = SurfaceView(above(2.0), surface, open_caster(surface))
+    parts, spacings = one_surface([Polygon(0, SQUARE + 200).shape], view, PART)
+
     assert parts[0].is_empty
-    assert usual[0] == 0
+    assert spacings[0] == 0
 
 
 def test_places_are_cut_out_of_the_boundary() -> None:
     square = shapely.box(0, 0, 100, 100)
-    left = without_places(square, np.array([[100.0, 50.0]]), 4.0)
+    left = without_discs(square, np.array([[100.0, 50.0]]), 4.0, PART)
     assert 0 < square.area - left.area < 100
     assert left.distance(shapely.Point(100, 50)) >= 3.0

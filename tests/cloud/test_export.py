@@ -9,7 +9,7 @@ import shapely
 from clouds import cloud_of, looking_down, squares
 from meshes import grid
 
-from zpm2.cloud import PolygonCloud, Surface, export, save
+from zpm2.cloud import PolygonCloud, SurfaceMesh, export, save
 
 CAMERAS = [looking_down(-0.4, 0.1, 2.5), looking_down(0.4, -0.1, 2.5)]
 OFFSET = np.array([1000.0, 2000.0, 30.0])
@@ -18,7 +18,7 @@ OFFSET = np.array([1000.0, 2000.0, 30.0])
 @pytest.fixture(scope="module")
 def cloud(tmp_path_factory: pytest.TempPathFactory) -> PolygonCloud:
     near = grid(12, seed=1)
-    surface = Surface.of(near.vertices + near.origin + OFFSET, near.faces)
+    surface = SurfaceMesh.of(near.vertices + near.origin + OFFSET, near.faces)
     whole = squares(OFFSET)[0]
     part = whole.mean(0) + 0.5 * (whole - whole.mean(0))
     cameras = [looking_down(x, 0.1, 2.5, OFFSET) for x in (-0.4, 0.4)]

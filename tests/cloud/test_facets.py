@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from zpm2.cloud import Surface
+from zpm2.cloud import SurfaceMesh
 from zpm2.cloud.facets import triangulate
 from zpm2.cloud.surface import crosses
 from zpm2.errors import InputError
@@ -96,7 +96,7 @@ def test_a_concave_face_of_a_file(suffix: str, tmp_path: Path) -> None:
         "off": f"OFF\n6 1 0\n{rows}\n6 0 1 2 3 4 5\n",
     }
     (tmp_path / f"m.{suffix}").write_text(content[suffix])
-    assert Surface.read(tmp_path / f"m.{suffix}").areas.sum() == pytest.approx(3)
+    assert SurfaceMesh.read(tmp_path / f"m.{suffix}").areas.sum() == pytest.approx(3)
 
 
 @pytest.mark.parametrize("suffix", ["ply", "obj", "off"])
@@ -105,4 +105,4 @@ def test_a_point_cloud_is_called_one(suffix: str, tmp_path: Path) -> None:
     content = {"ply": f"{head}1 2 3\n4 5 6\n", "obj": "v 1 2 3\nv 4 5 6\n", "off": "OFF\n2 0 0\n1 2 3\n4 5 6\n"}
     (tmp_path / f"m.{suffix}").write_text(content[suffix])
     with pytest.raises(InputError, match=r"is a point cloud, 2 points without faces: .* zpm2 reconstruct"):
-        Surface.read(tmp_path / f"m.{suffix}")
+        SurfaceMesh.read(tmp_path / f"m.{suffix}")

@@ -5,10 +5,10 @@ import pytest
 import shapely
 from meshes import distance_to, grid, sphere
 
-from zpm2.cloud import Surface
-from zpm2.cloud.lift import Lifted, Ring, lift, outline_in
+from zpm2.cloud import SurfaceMesh, SurfaceView
+from zpm2.cloud.lift import Lifted, SurfaceRing, lift, outline_in
 from zpm2.cloud.rays import EveryTriangle
-from zpm2.cloud.shrink import Shrinker, densified, rings_of
+from zpm2.cloud.scaling import PolygonScaler, densified, rings_of
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Camera, Polygon, PosedCamera
@@ -25,13 +25,14 @@ def above(height: float, offset: tuple[float, float, float] = (0, 0, 0)) -> Pose
     return PosedCamera(CAMERA, DOWN, -DOWN @ center)
 
 
-def lifted(surface: Surface, polygon: Polygon, view: PosedCamera, **options: float) -> Lifted:
-    (found,) = lift([polygon], view, surface, EveryTriangle(surface), CloudConfig(**options))  # type: ignore[arg-type]
+def lifted(surface: SurfaceMesh, polygon: Polygon, view: PosedCamera, **options: float) -> Lifted:
+    on_surface = SurfaceView(view, surface, EveryTriangle(surface))
+    (found,) = lift([polygon], on_surface, CloudConfig(**options))  # type: ignore[arg-type]
     assert isinstance(found, Lifted), found
     return found
 
 
-def check_closed_on_surface(surface: Surface, found: Lifted) -> None:
+def check_closed_on_surface(surface: SurfaceMesh, found: Lifted) -> None:
     for ring in found.rings:
         following = np.roll(ring.points, -1, axis=0)
         for p, q, face in zip(ring.points, following, ring.faces, strict=True):
@@ -61,7 +62,7 @@ def test_on_a_plane(ring: np.ndarray, holes: tuple[np.ndarray, ...]) -> None:
 def test_large_coordinates() -> None:
     offset = (431_000.5, 5_411_000.25, 310.0)
     near = grid(12, seed=1)
-    far = Surface.of(near.vertices + offset, near.faces)
+    far = SurfaceMesh.of(near.vertices + offset, near.faces)
     one = lifted(near, Polygon(0, SQUARE), above(2.0))
     other = lifted(far, Polygon(0, SQUARE), above(2.0, offset))
     assert np.abs(one.rings[0].points + near.origin - (other.rings[0].points + far.origin - offset)).max() < 1e-6
@@ -78,7 +79,7 @@ def test_on_a_sphere() -> None:
     assert shapely.distance(shapely.points(back), ring).max() < 1e-3  # seen from the camera it is the polygon
 
 
-def step(n: int = 40) -> Surface:
+def step(n: int = 40) -> SurfaceMesh:
     """A block of height 0.5 over x < 0, with its vertical side."""
     height = np.where(np.linspace(-1, 1, n + 1) <= 1e-9, 0.5, 0.0)
     return grid(n, height=np.broadcast_to(height, (n + 1, n + 1)))
@@ -103,25 +104,26 @@ def test_the_background_does_not_bleed_in() -> None:
 
 
 def test_what_cannot_be_lifted_says_why() -> None:
-    surface, view = grid(), above(2.0)
+    surface = grid()
+    view = SurfaceView(above(2.0), surface, EveryTriangle(surface))
     beyond = Polygon(0, SQUARE * 5 - 600)
     away = Polygon(1, SQUARE + np.array([3000, 0]))
     split = Polygon(2, np.array([[250.0, 180], [400, 180], [400, 300], [250, 300]]))
-    found = lift([beyond, away, Polygon(3, SQUARE)], view, surface, EveryTriangle(surface))
+    found = lift([beyond, away, Polygon(3, SQUARE)], view, CloudConfig())
     assert isinstance(found[1], Failed)
     assert "leaves the surface" in found[1].reason
     assert isinstance(found[2], Lifted)
     block = step()
-    (over,) = lift([split], above(3.0), block, EveryTriangle(block), CloudConfig(min_scale=0.9))
+    (over,) = lift([split], SurfaceView(above(3.0), block, EveryTriangle(block)), CloudConfig(min_scale=0.9))
     assert isinstance(over, Failed)
     assert "jumps" in over.reason
-    assert lift([], view, surface, EveryTriangle(surface)) == []
+    assert lift([], view, CloudConfig()) == []
 
 
 def test_shrinking_stays_inside() -> None:
     for ring, holes, radial in ((SQUARE, (), True), (CONCAVE, (), False), (SQUARE, (HOLE,), False)):
         shape = shapely.Polygon(ring, holes)
-        shrinker = Shrinker(shape)
+        shrinker = PolygonScaler(shape)
         assert shrinker.radial is radial
         last = shape.area * 1.0001
         for scale in (1.0, 0.9, 0.7, 0.5):
@@ -145,7 +147,7 @@ def test_a_boundary_that_touches_itself_in_a_view_keeps_its_larger_part() -> Non
     corners = np.array([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], float) / 10
     surface = grid(12)
     for way in (corners, corners[::-1]):
-        ring = Ring(np.c_[way, np.zeros(len(way))] - surface.origin, np.zeros(len(way), np.int64))
+        ring = SurfaceRing(np.c_[way, np.zeros(len(way))] - surface.origin, np.zeros(len(way), np.int64))
         found = outline_in([ring], above(2.0), surface)
         assert found.is_valid
         assert found.area == pytest.approx(0.05 * (500 / 2.0) ** 2)

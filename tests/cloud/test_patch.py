@@ -8,28 +8,29 @@ from hypothesis import strategies as st
 from meshes import cylinder, grid, sphere
 from test_lift import CONCAVE, HOLE, SQUARE, above
 
-from zpm2.cloud import Cutter, Patch, Surface, lift
+from zpm2.cloud import Cutter, SurfaceMesh, SurfacePatch, SurfaceView, lift
 from zpm2.cloud.lift import Lifted
 from zpm2.cloud.rays import EveryTriangle
+from zpm2.config import CloudConfig
 from zpm2.model import Camera, Polygon, PosedCamera
 
 
-def cut(surface: Surface, polygon: Polygon, view: PosedCamera) -> tuple[Lifted, Patch]:
-    (found,) = lift([polygon], view, surface, EveryTriangle(surface))
+def cut(surface: SurfaceMesh, polygon: Polygon, view: PosedCamera) -> tuple[Lifted, SurfacePatch]:
+    (found,) = lift([polygon], SurfaceView(view, surface, EveryTriangle(surface)), CloudConfig())
     assert isinstance(found, Lifted), found
     patch = Cutter(surface, view).cut(found)
-    assert isinstance(patch, Patch), patch
+    assert isinstance(patch, SurfacePatch), patch
     return found, patch
 
 
-def edges_at_the_border(patch: Patch) -> set[tuple[int, int]]:
+def edges_at_the_border(patch: SurfacePatch) -> set[tuple[int, int]]:
     pairs = np.sort(np.stack([patch.faces, np.roll(patch.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, count = np.unique(pairs, axis=0, return_counts=True)
     assert count.max() <= 2
     return {(int(a), int(b)) for a, b in edges[count == 1]}
 
 
-def check_bounded_by(patch: Patch, found: Lifted) -> None:
+def check_bounded_by(patch: SurfacePatch, found: Lifted) -> None:
     """The border of the patch is the boundary, edge by edge."""
     rings = [[np.flatnonzero((patch.vertices == p).all(1)) for p in ring.points] for ring in found.rings]
     expected = set()
@@ -116,7 +117,7 @@ def test_what_lies_behind_stays_out() -> None:
 
 
 def test_inside_one_triangle() -> None:
-    surface = Surface.of([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], [[0, 1, 2]])
+    surface = SurfaceMesh.of([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], [[0, 1, 2]])
     found, patch = cut(surface, Polygon(0, SQUARE), above(2.0))
     check_bounded_by(patch, found)
     assert patch.area == pytest.approx(Polygon(0, SQUARE).area * (2.0 / 500) ** 2, rel=1e-5)
@@ -140,7 +141,7 @@ def test_a_camera_with_distortion() -> None:
 
 def test_a_flipped_mesh_gives_the_same() -> None:
     surface = sphere(3)
-    turned = Surface.of(surface.vertices, surface.faces[:, ::-1])
+    turned = SurfaceMesh.of(surface.vertices, surface.faces[:, ::-1])
     ring = SQUARE * 0.5 + [160, 120]
     one, other = (cut(s, Polygon(0, ring), above(4.0))[1] for s in (surface, turned))
     assert one.area == pytest.approx(other.area, rel=1e-9)

@@ -13,10 +13,10 @@ from clouds import cloud_of, looking_down, squares
 from meshes import grid, sphere
 
 from zpm2.cloud import PolygonCloud
-from zpm2.cloud.export import DARKER
+from zpm2.cloud.display_mesh import clustered, display_mesh
+from zpm2.cloud.export import BOUNDARY_SHADE
 from zpm2.cloud.page import page
 from zpm2.cloud.picture import GAP, SIZE, three_views
-from zpm2.cloud.scene import clustered, scene
 from zpm2.errors import Failed
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -35,7 +35,7 @@ def cloud(tmp_path_factory: pytest.TempPathFactory) -> PolygonCloud:
 
 def test_three_views_show_every_polygon_and_its_boundary(cloud: PolygonCloud) -> None:
     pytest.importorskip("embreex")
-    picture = three_views(scene(cloud))
+    picture = three_views(display_mesh(cloud))
     assert not isinstance(picture, Failed)
     assert picture.shape == (SIZE[1], 3 * SIZE[0] + 2 * GAP, 3)
     middle = picture[:, SIZE[0] + GAP : 2 * SIZE[0] + GAP].astype(float)
@@ -43,7 +43,7 @@ def test_three_views_show_every_polygon_and_its_boundary(cloud: PolygonCloud) ->
         light = middle @ rgb / (rgb @ rgb)  # the same colour at some brightness
         like = np.abs(middle - light[..., None] * rgb).max(2) < 6
         assert (like & (light > 0.5) & (light < 1.05)).sum() > 300
-        assert (like & (np.abs(light - DARKER) < 0.06)).sum() > 20
+        assert (like & (np.abs(light - BOUNDARY_SHADE) < 0.06)).sum() > 20
     # nothing is cut off
     for edge in (middle[0], middle[-1], middle[:, 0], middle[:, -1]):
         assert (edge.min(1) > 150).all()
@@ -51,7 +51,7 @@ def test_three_views_show_every_polygon_and_its_boundary(cloud: PolygonCloud) ->
 
 def test_without_embree_there_is_no_picture_but_a_reason(cloud: PolygonCloud, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zpm2.cloud.rays.find_spec", lambda name: None)
-    picture = three_views(scene(cloud))
+    picture = three_views(display_mesh(cloud))
     assert isinstance(picture, Failed)
     assert "pip install" in picture.reason
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from meshes import distance_to, grid, sphere
 
-from zpm2.cloud import RayCaster, Surface, open_caster
+from zpm2.cloud import RayCaster, SurfaceMesh, open_caster
 from zpm2.cloud.rays import Embree, EveryTriangle
 
 CASTERS = {"embree": Embree, "every triangle": EveryTriangle}
 
 
-def caster(name: str, surface: Surface) -> RayCaster:
+def caster(name: str, surface: SurfaceMesh) -> RayCaster:
     if name == "embree":
         pytest.importorskip("embreex")
     return CASTERS[name](surface)

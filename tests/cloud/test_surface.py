@@ -1,4 +1,4 @@
-"""Meshes in: what is cleaned is said, what is no mesh is one line, large coordinates stay exact."""
+"""Meshes in: cleaning leaves notes, bad files give one line, large coordinates stay exact."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from meshes import grid, sphere
 
-from zpm2.cloud import Surface
+from zpm2.cloud import SurfaceMesh
 from zpm2.errors import InputError
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -32,31 +32,31 @@ def test_a_closed_surface_has_no_border() -> None:
 
 def test_large_coordinates_stay_exact() -> None:
     offset = np.array([4_500_000.25, 5_400_000.5, 312.125])
-    surface = Surface.of(SQUARE / 1024 + offset, TWO)
+    surface = SurfaceMesh.of(SQUARE / 1024 + offset, TWO)
     assert np.array_equal(surface.vertices + surface.origin, np.unique(SQUARE / 1024 + offset, axis=0))
     assert np.abs(surface.vertices).max() < 1
 
 
-def test_what_is_cleaned_is_said() -> None:
+def test_cleaning_leaves_notes() -> None:
     points = np.r_[SQUARE, SQUARE[:1], [[np.nan, 0, 0]], [[0.5, 0, 0]]]
     faces = np.r_[TWO, [[4, 1, 2], [0, 1, 5], [0, 6, 1]]]  # one twice by another vertex, one NaN, one flat
-    surface = Surface.of(points, faces)
+    surface = SurfaceMesh.of(points, faces)
     assert len(surface.faces) == 2
     assert len(surface.vertices) == 5  # 0.5, 0, 0 is left without a triangle
-    said = " ".join(surface.notes)
-    assert "1 triangles have a vertex that is not finite" in said
-    assert "1 triangles have no area" in said
-    assert "1 triangles are there twice" in said
+    notes = " ".join(surface.notes)
+    assert "1 triangles have a vertex that is not finite" in notes
+    assert "1 triangles have no area" in notes
+    assert "1 triangles are repeated" in notes
 
 
 def test_edges_of_three_triangles_are_borders() -> None:
-    surface = Surface.of(np.r_[SQUARE, [[0.5, 0.5, 1]]], np.r_[TWO, [[0, 2, 4]]])
+    surface = SurfaceMesh.of(np.r_[SQUARE, [[0.5, 0.5, 1]]], np.r_[TWO, [[0, 2, 4]]])
     assert "1 edges belong to more than two triangles" in surface.notes[0]
     assert (surface.neighbors == -1).all()
 
 
-def test_turned_triangles_are_said_and_are_neighbors_nonetheless() -> None:
-    surface = Surface.of(SQUARE, np.array([[0, 1, 2], [0, 3, 2]]))
+def test_flipped_triangles_are_noted_and_neighbors_nonetheless() -> None:
+    surface = SurfaceMesh.of(SQUARE, np.array([[0, 1, 2], [0, 3, 2]]))
     assert "opposite orientation" in surface.notes[0]
     assert (surface.neighbors >= 0).sum() == 2
 
@@ -76,7 +76,7 @@ def test_turned_triangles_are_said_and_are_neighbors_nonetheless() -> None:
 )
 def test_what_is_no_surface(vertices: np.ndarray, faces: np.ndarray, why: str) -> None:
     with pytest.raises(InputError, match=why):
-        Surface.of(vertices, faces)
+        SurfaceMesh.of(vertices, faces)
 
 
 @pytest.mark.parametrize("suffix", ["ply", "obj", "stl", "glb", "off"])
@@ -85,7 +85,7 @@ def test_files(suffix: str, tmp_path: Path) -> None:
     known = sphere(1)
     path = tmp_path / f"mesh.{suffix}"
     trimesh.Trimesh(known.vertices, known.faces, process=False).export(path)
-    surface = Surface.read(path)
+    surface = SurfaceMesh.read(path)
     assert len(surface.faces) == len(known.faces)
     assert len(surface.vertices) == len(known.vertices)
     assert (surface.neighbors >= 0).all()
@@ -97,4 +97,4 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "mesh.xyz").write_text("0 0 0")
     for name, why in (("text.ply", "cannot be read"), ("mesh.xyz", "are read from"), ("none.obj", "does not exist")):
         with pytest.raises(InputError, match=why):
-            Surface.read(tmp_path / name)
+            SurfaceMesh.read(tmp_path / name)

@@ -13,13 +13,14 @@ import numpy as np
 from mutate import SIZE
 from samples import Files, Reader, only
 
+from zpm2.config import Config
 from zpm2.evaluate import predicted_regions, predictions
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.files import record, writing
 from zpm2.files.keys import code, fingerprint
 from zpm2.formats import colmap
 from zpm2.model import Camera
-from zpm2.reconstruct import Options, workspace
+from zpm2.reconstruct import workspace
 from zpm2.reconstruct.depth import read_sparse
 from zpm2.result import MatchResult
 from zpm2.tiled.tile import TileCache
@@ -93,7 +94,7 @@ def _tile(folder: Path) -> None:
 def _folders() -> list[Reader]:
     """Output folders that a run goes on in."""
     run = predictions.PredictionSettings("pairs", None, "zpm2", {"seed": 0})
-    claimed = {"photographs": {}, "options": vars(Options()), "cameras": None, "code": code()}
+    claimed = {"photographs": {}, "options": {}, "cameras": None, "code": code()}
     points = 100
     header = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nend_header\n" % points
     model = _model()
@@ -113,7 +114,7 @@ def _folders() -> list[Reader]:
 
     def claim(folder: Path) -> None:
         _remember(folder)
-        workspace._claim(folder, [], Options(), None)
+        workspace._claim(folder, [], Config(), None)
 
     return [
         Reader("record", ({hidden: made, f"{record.KEYS}/key": b"ab", "overlay.png": b"x"},), recorded),

@@ -20,7 +20,7 @@ from rasterio.rpc import RPC
 from samples import Files, Reader, encoded, npy, npz, only, pixels
 
 from zpm2 import config
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.workspace import read_views
 from zpm2.errors import MissingDependency
 from zpm2.formats import cameras, colmap
@@ -276,7 +276,7 @@ def _meshes() -> list[Reader]:
         {"a.stl": _exported("stl", points)},
         {"a.glb": _exported("glb", points)},
     )
-    return [Reader("mesh", samples, lambda folder: Surface.read(only(folder)))]
+    return [Reader("mesh", samples, lambda folder: SurfaceMesh.read(only(folder)))]
 
 
 def _exported(form: str, points: Any) -> bytes:

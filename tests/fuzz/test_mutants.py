@@ -23,7 +23,7 @@ from harness import Hang, attempt, run, summary
 from samples import Reader
 
 from zpm2 import config
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import SurfaceMesh
 from zpm2.errors import ConfigError, InputError, Zpm2Error
 from zpm2.files.listing import json_file, text
 from zpm2.files.reading import UNPACKED, parse_json, read_array, read_arrays, unpack_gzip
@@ -204,7 +204,7 @@ def test_many_spaces_are_read_in_time(tmp_path: Path, name: str, filler: bytes) 
     read = {"a.vrt": read_image, "a.pfm": read_map, "calib.txt": lambda path: read_calibration(path, (48, 40))}
     start = monotonic()
     with pytest.raises(InputError):
-        read.get(name, Surface.read)(path)
+        read.get(name, SurfaceMesh.read)(path)
     assert monotonic() - start < 5
 
 

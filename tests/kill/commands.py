@@ -98,7 +98,7 @@ def _evaluation(pair: Pair, folder: Path) -> None:
     and a workspace of the pair with the surface that it shows."""
     from zpm2.cloud.disparity_mesh import disparity_mesh
     from zpm2.cloud.export import write_surface
-    from zpm2.config import assign, preset
+    from zpm2.config import CloudConfig, assign, preset
     from zpm2.evaluate import predictions
     from zpm2.evaluate.datasets import open_dataset
     from zpm2.model import Camera
@@ -130,7 +130,9 @@ def _evaluation(pair: Pair, folder: Path) -> None:
     for path in (pair.left, pair.right):
         shutil.copy(path, workspace / "images")
     camera = Camera(matrix, (400, 240))
-    write_surface(disparity_mesh(scene.disparity, Rig(camera, camera, scene.baseline)), workspace / "mesh.ply")
+    surface = disparity_mesh(scene.disparity, Rig(camera, camera, scene.baseline), CloudConfig())
+    write_surface(surface, workspace / "mesh.ply")
+
     model = workspace / "sparse" / "0"
     model.mkdir(parents=True)
     numbers = f"{scene.f} {scene.f} {scene.cx} {scene.cy}"

@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 from views import Views, angle, views
 
+from zpm2.config import PoseConfig
 from zpm2.errors import Failed
 from zpm2.pose.degeneracy import Degeneracy, examine, rotation_between
-from zpm2.pose.estimators import Motion, OpenCv
+from zpm2.pose.estimators import OpenCv, PoseEstimate
+from zpm2.pose.points import RayPairs
 
 PX = 1 / 700
 
 
-def examined(of: Views, sigma: float = 0.1, places: int = 12) -> tuple[Motion, Degeneracy]:
+def examined(of: Views, sigma: float = 0.1, places: int = 12) -> tuple[PoseEstimate, Degeneracy]:
     motion = OpenCv().estimate(*of.rays, PX, 0)
     assert not isinstance(motion, Failed)
-    return motion, examine(motion, *of.rays, np.arange(len(of.points)) % places, sigma, PX, 0)
+    rays = RayPairs(*of.rays, PX)
+    return motion, examine(motion, rays, np.arange(len(of.points)) % places, sigma, PoseConfig(), 0)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -48,7 +48,7 @@ def test_union_says_nothing_twice() -> None:
     known = Correspondences(matches(at, at, np.array([0.5, 0.9])), np.array([0, 1]), np.zeros(2, bool))
     close = np.array([[10.5, 10.5], [51, 50], [90, 90]])
     more = Correspondences(matches(close, close, np.array([0.8, 0.8, 0.8])), np.array([0, 1, 2]), np.ones(3, bool))
-    both = union(known, more)
+    both = union(known, more, 2.0)
     assert both.points.left.tolist() == [[50, 50], [10.5, 10.5], [90, 90]]
     assert both.local.tolist() == [False, True, True]
     assert both.region.tolist() == [1, 0, 2]

@@ -1,4 +1,4 @@
-"""Refinement: nearer to the truth than what it starts from, and as sure as it says."""
+"""Refinement: nearer to the truth than what it starts from, and as exact as it says."""
 
 import dataclasses
 
@@ -9,21 +9,23 @@ from hypothesis import strategies as st
 from views import angle, rotation, views
 
 from zpm2 import geometry
-from zpm2.pose.estimators import Motion
-from zpm2.pose.refine import Refined, blocks, refine
+from zpm2.pose.estimators import PoseEstimate
+from zpm2.pose.points import RayPairs
+from zpm2.pose.refine import RefinedPose, blocks, refine
 
 PX = 1 / 700
+STEPS = 30
 
 
-def refined(seed: int, noise: float, start: float = 1.0) -> tuple[float, float, Refined]:
+def refined(seed: int, noise: float, start: float = 1.0) -> tuple[float, float, RefinedPose]:
     """Errors of R and t, from a pose that is `start` degrees off."""
     of = views(seed, n=400, noise=noise)
     direction = of.direction + np.radians(start) * np.array([0, 1, 0])
-    motion = Motion(
+    motion = PoseEstimate(
         rotation(0, 0, start) @ of.rotation, direction / np.linalg.norm(direction), np.ones(len(of.points), bool)
     )
-    found = refine(motion, *of.rays, np.arange(len(of.points)), PX)
-    return angle(found.motion.rotation, of.rotation), angle(found.motion.translation, of.direction), found
+    found = refine(motion, RayPairs(*of.rays, PX), np.arange(len(of.points)), STEPS)
+    return angle(found.estimate.rotation, of.rotation), angle(found.estimate.translation, of.direction), found
 
 
 def test_exact_points_give_the_exact_pose() -> None:
@@ -49,13 +51,14 @@ def test_it_is_as_sure_as_it_says() -> None:
 
 
 def test_shared_errors_count_once() -> None:
-    """Points that are said ten times make nothing surer, if it is known that they are the same."""
+    """Points that are repeated ten times make nothing more certain, if their groups say that they are the same."""
     of = views(3, n=100, noise=0.5)
-    motion = Motion(of.rotation, of.direction, np.ones(1000, bool))
+    motion = PoseEstimate(of.rotation, of.direction, np.ones(1000, bool))
     left, right = (np.repeat(r, 10, axis=0) for r in of.rays)
-    once = refine(dataclasses.replace(motion, inliers=motion.inliers[:100]), *of.rays, np.arange(100), PX)
-    grouped = refine(motion, left, right, np.repeat(np.arange(100), 10), PX)
-    alone = refine(motion, left, right, np.arange(1000), PX)
+    unrepeated = dataclasses.replace(motion, inliers=motion.inliers[:100])
+    once = refine(unrepeated, RayPairs(*of.rays, PX), np.arange(100), STEPS)
+    grouped = refine(motion, RayPairs(left, right, PX), np.repeat(np.arange(100), 10), STEPS)
+    alone = refine(motion, RayPairs(left, right, PX), np.arange(1000), STEPS)
     assert grouped.rotation_sigma == pytest.approx(once.rotation_sigma, rel=0.05)
     assert alone.rotation_sigma < 0.5 * once.rotation_sigma
 
@@ -69,11 +72,12 @@ def test_it_is_as_sure_as_it_says_where_errors_are_alike_in_large_parts() -> Non
         rng = np.random.default_rng(seed)
         left, right = of.rays
         wave = rng.normal(0, 0.7 * PX, (3, 3, 2))[tuple(np.clip((left * 3 + 1.5).astype(int), 0, 2).T)]
-        motion = Motion(of.rotation, of.direction, np.ones(len(left), bool))
+        motion = PoseEstimate(of.rotation, of.direction, np.ones(len(left), bool))
         for _ in range(2):
             near = geometry.sampson_distance(motion.essential, left, right + wave) < 5 * PX
-            found = refine(dataclasses.replace(motion, inliers=near), left, right + wave, blocks(left, 3), PX)
-            motion = found.motion
+            rays = RayPairs(left, right + wave, PX)
+            found = refine(dataclasses.replace(motion, inliers=near), rays, blocks(left, 3), STEPS)
+            motion = found.estimate
         ratios.append([angle(motion.rotation, of.rotation) / found.rotation_sigma])
         ratios[-1].append(angle(motion.translation, of.direction) / found.translation_sigma)
     assert (np.array(ratios) < 1).mean() > 0.4

@@ -12,7 +12,7 @@ from zpm2 import config
 from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import PointMatches
-from zpm2.pose import Pose, PoseFinder, PoseResult
+from zpm2.pose import PoseFinder, PoseResult, RelativePose
 from zpm2.pose.points import Correspondences
 
 PLAIN = Config(pose=PoseConfig(crops="off"))
@@ -22,7 +22,7 @@ def found(of: Views, options: Config = PLAIN) -> PoseResult:
     return PoseFinder(options)(matched(of), of.cameras)
 
 
-def pose_of(result: PoseResult) -> Pose:
+def pose_of(result: PoseResult) -> RelativePose:
     assert not isinstance(result.pose, Failed), result.pose
     return result.pose
 

@@ -8,15 +8,15 @@ import pytest
 from rendered import Run
 from scipy.spatial.transform import Rotation
 
-from zpm2.cloud import Surface, open_caster, read_views
+from zpm2.cloud import SurfaceMesh, open_caster, read_views
+from zpm2.config import Config, ReconstructConfig, StereoConfig
 from zpm2.errors import Failed, InputError
 from zpm2.files import record
 from zpm2.model import Image, PosedCamera
-from zpm2.reconstruct import Options, reconstruct
+from zpm2.reconstruct import Reconstruction, reconstruct
 from zpm2.reconstruct.depth import agreed
-from zpm2.reconstruct.workspace import Reconstructed
 from zpm2.stereo.dense import semi_global
-from zpm2.stereo.rectified import rectify_views
+from zpm2.stereo.rectify import rectify_views
 
 pycolmap = pytest.importorskip("pycolmap")
 
@@ -30,11 +30,11 @@ def points() -> np.ndarray:
 def test_rows_of_rectified_views_are_epipolar_lines(reverse: bool) -> None:
     a, b = boards.cameras()[0:3:2]
     a, b = (b, a) if reverse else (a, b)
-    pair = rectify_views(a, b, points())
+    pair = rectify_views(a, b, points(), 0.15, StereoConfig())
     assert not isinstance(pair, Failed)
     left, right = pair.images(Image(boards.seen(a)[0]), Image(boards.seen(b)[0]))
     assert left.rgb.shape == right.rgb.shape
-    disparity = semi_global(left, right, *pair.search)
+    disparity = semi_global(left, right, *pair.search, StereoConfig())
     depth, truth = pair.depth(disparity), boards.seen(a)[1]
     known = np.isfinite(depth)
     assert known.mean() > 0.5
@@ -46,20 +46,20 @@ def test_rows_of_rectified_views_are_epipolar_lines(reverse: bool) -> None:
 def test_views_that_cannot_be_rectified_say_why() -> None:
     a = boards.cameras()[1]
     forward = PosedCamera(boards.CAMERA, a.rotation, a.translation - [0, 0, 1.0])
-    assert "along their axis" in str(rectify_views(a, forward, points()))
-    assert isinstance(rectify_views(a, a, points()), Failed)
+    assert "along their axis" in str(rectify_views(a, forward, points(), 0.15, StereoConfig()))
+    assert isinstance(rectify_views(a, a, points(), 0.15, StereoConfig()), Failed)
     turned = PosedCamera(boards.CAMERA, np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]), a.translation)
-    assert isinstance(rectify_views(a, turned, points()), Failed)
+    assert isinstance(rectify_views(a, turned, points(), 0.15, StereoConfig()), Failed)
 
 
 def test_depths_that_agree() -> None:
     maps = np.array(
         [[[1.0, 1.0, 5.0, np.nan]], [[1.001, 2.0, np.nan, np.nan]], [[3.0, 2.01, np.nan, np.nan]]], np.float32
     )
-    two = agreed(maps, 2)
+    two = agreed(maps, 0.01, 2)
     assert two[0, :2] == pytest.approx([1.0005, 2.005])
     assert np.isnan(two[0, 2:]).all()
-    assert agreed(maps, 1)[0, 2] == 5.0
+    assert agreed(maps, 0.01, 1)[0, 2] == 5.0
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reconstruct")
     paths = boards.write(folder / "photographs")
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
-    made = reconstruct(paths, folder / "ws", Options(poisson_depth=8), known)
+    made = reconstruct(paths, folder / "ws", Config(reconstruct=ReconstructConfig(poisson_depth=8)), known)
     assert made.registered == 4
     assert made.notes == ()
     return folder / "ws"
@@ -86,7 +86,9 @@ def nested(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def test_photographs_of_one_name_keep_their_folders(nested: list[Path], tmp_path: Path) -> None:
     known = dict(zip(("cam 0/0.png", "cam 1/0.png", "cam 2/0.png"), boards.cameras(3), strict=True))
-    made = reconstruct(nested, tmp_path / "ws", Options(max_size=240, poisson_depth=8), known)
+    small = Config(reconstruct=ReconstructConfig(max_size=240, poisson_depth=8))
+    made = reconstruct(nested, tmp_path / "ws", small, known)
+
     assert (made.registered, made.notes) == (3, ())
     for view, camera in zip(read_views(tmp_path / "ws"), boards.cameras(3), strict=True):
         assert view.camera.center == pytest.approx(camera.center, abs=1e-6)
@@ -97,9 +99,9 @@ def test_a_model_names_photographs_in_sub_folders(
 ) -> None:
     asked = []
 
-    def told(paths: list[Path], out: Path, options: Options, known: dict[str, PosedCamera], tell: object) -> object:
+    def told(paths: list[Path], out: Path, config: Config, known: dict[str, PosedCamera], tell: object) -> object:
         asked.append((paths, {name: camera.camera.focal for name, camera in known.items()}))
-        return Reconstructed(3, 3, 100, ())
+        return Reconstruction(3, 3, 100, ())
 
     monkeypatch.setattr("zpm2.reconstruct.reconstruct", told)
     cameras = [f"{k} SIMPLE_PINHOLE 480 360 {480 + k} 240 180" for k in range(3)]
@@ -116,7 +118,7 @@ def test_known_cameras_stay_and_the_surface_is_where_it_was(workspace: Path) -> 
     views = read_views(workspace)
     for view, camera in zip(views, boards.cameras(), strict=True):
         assert view.camera.center == pytest.approx(camera.center, abs=1e-6)
-    surface = Surface.read(workspace / "mesh.ply")
+    surface = SurfaceMesh.read(workspace / "mesh.ply")
     x, y = np.meshgrid(np.arange(20, 460, 5) + 0.5, np.arange(20, 340, 5) + 0.5)
     directions = views[1].camera.directions(np.c_[x.ravel(), y.ravel()])
     origin = np.broadcast_to(views[1].camera.center - surface.origin, directions.shape)
@@ -132,17 +134,17 @@ def test_a_second_run_does_nothing_again(workspace: Path) -> None:
     times = {path: path.stat().st_mtime_ns for path in workspace.rglob("*") if path.is_file()}
     paths = sorted((workspace.parent / "photographs").iterdir())
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
-    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    reconstruct(paths, workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), known)
     assert {path: path.stat().st_mtime_ns for path in workspace.rglob("*") if path.is_file()} == times
     (workspace / "mesh.ply").unlink()  # as if it had been interrupted
-    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    reconstruct(paths, workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), known)
     assert (workspace / "mesh.ply").is_file()
 
 
 def test_another_reconstruction_is_not_mixed_in(workspace: Path) -> None:
     paths = sorted((workspace.parent / "photographs").iterdir())
     with pytest.raises(InputError, match="other photographs"):
-        reconstruct(paths[:3], workspace, Options(poisson_depth=8), {})
+        reconstruct(paths[:3], workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), {})
 
 
 def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path) -> None:
@@ -221,27 +223,27 @@ def test_what_is_there_and_unusable_is_made_again(workspace: Path, name: str, co
     record.put(part, workspace / name)  # as an earlier run would have
     paths = sorted((workspace.parent / "photographs").iterdir())
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
-    reconstruct(paths, workspace, Options(poisson_depth=8), known)
+    reconstruct(paths, workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), known)
     assert (workspace / name).stat().st_size > 10_000
 
 
 def test_each_step_looks_at_what_it_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paths = boards.write(tmp_path / "photographs", 3)
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(3), strict=True)}
-    options, ws = Options(max_size=120, poisson_depth=6), tmp_path / "ws"
+    config, ws = Config(reconstruct=ReconstructConfig(max_size=120, poisson_depth=6)), tmp_path / "ws"
 
     with monkeypatch.context() as patch:
         patch.setattr(pycolmap, "undistort_images", lambda folder, *_, **__: (folder / "images").mkdir(parents=True))
         with pytest.raises(InputError, match="undistorted 0 of 3 photographs only"):
-            reconstruct(paths, ws, options, known)
+            reconstruct(paths, ws, config, known)
     assert not (ws / "dense").exists()
     with monkeypatch.context() as patch:
         patch.setattr(pycolmap, "stereo_fusion", lambda file, *_, **__: file.write_bytes(HEADER % 7 + bytes(7 * 27)))
         with pytest.raises(InputError, match="the depth of 7 points: too few for a surface; give"):
-            reconstruct(paths, ws, options, known)
+            reconstruct(paths, ws, config, known)
     assert not (ws / "fused.ply").exists()
     with monkeypatch.context() as patch:
         patch.setattr(pycolmap, "poisson_meshing", lambda cloud, file, *_: None)
         with pytest.raises(InputError, match="no triangle is left"):
-            reconstruct(paths, ws, options, known)
+            reconstruct(paths, ws, config, known)
     assert not (ws / "mesh.ply").exists()

@@ -7,6 +7,7 @@ import pytest
 from rendered import Pair
 
 from zpm2.cloud.disparity_mesh import disparity_mesh
+from zpm2.config import CloudConfig, StereoConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import Camera, Image
 from zpm2.photos.images import read_image
@@ -29,7 +30,7 @@ def test_a_plane_is_one(doffs: float) -> None:
     x, y = np.meshgrid(np.arange(400) + 0.5, np.arange(240) + 0.5)
     n = np.array([0.05, -0.1, 0.3])
     inverse = n[0] * (x - 200) / 300 + n[1] * (y - 120) / 300 + n[2]  # 1 / Z
-    surface = disparity_mesh((300 * 0.2 * inverse - doffs).astype(np.float32), rig(doffs))
+    surface = disparity_mesh((300 * 0.2 * inverse - doffs).astype(np.float32), rig(doffs), CloudConfig())
     assert len(surface.faces) == 2 * 399 * 239
     assert (surface.vertices + surface.origin) @ n == pytest.approx(1, abs=1e-4)
 
@@ -38,27 +39,27 @@ def test_it_is_torn_where_depth_jumps_and_open_where_nothing_is_known() -> None:
     disparity = np.full((40, 60), 10.0, np.float32)
     disparity[:, 30:] = 14.0
     disparity[10:20, 5:15] = np.nan
-    surface = disparity_mesh(disparity, rig(size=(60, 40)))
+    surface = disparity_mesh(disparity, rig(size=(60, 40)), CloudConfig())
     depth = surface.corners[..., 2] + surface.origin[2]
     assert np.ptp(depth, axis=1).max() < 1e-9  # no triangle leads from one depth to the other
     assert len(surface.faces) == 2 * 39 * (29 + 29) - 2 * 11 * 11 + 4  # and half of each corner of the hole
 
 
-def test_large_maps_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zpm2.cloud.disparity_mesh.MAX_FACES", 1000)
-    surface = disparity_mesh(np.full((120, 120), 10.0, np.float32), rig(size=(120, 120)))
+def test_large_maps_are_thinned() -> None:
+    config = CloudConfig(max_faces=1000)
+    surface = disparity_mesh(np.full((120, 120), 10.0, np.float32), rig(size=(120, 120)), config)
     assert 500 < len(surface.faces) <= 1000
 
 
 def test_nothing_known_is_refused() -> None:
     with pytest.raises(InputError, match="no surface"):
-        disparity_mesh(np.full((40, 60), np.nan, np.float32), rig(size=(60, 40)))
+        disparity_mesh(np.full((40, 60), np.nan, np.float32), rig(size=(60, 40)), CloudConfig())
 
 
 def test_semi_global_matching_of_the_rendered_pair(pair: Pair) -> None:
     truth = pair.scene.disparity
     low, high = int(truth.min()) - 4, int(truth.max()) + 4
-    found = semi_global(read_image(pair.left), read_image(pair.right), low, high)
+    found = semi_global(read_image(pair.left), read_image(pair.right), low, high, StereoConfig())
     known = np.isfinite(found)
     error = np.abs(found - truth)[known]
     assert known.mean() > 0.6
@@ -75,8 +76,8 @@ def test_what_holds_no_data_has_no_disparity(pair: Pair) -> None:
     gap[60:160, 150:250] = True
     left, right = read_image(pair.left), read_image(pair.right)
     without = [Image(np.where(gap[..., None], 0, image.rgb).astype(np.uint8), valid=~gap) for image in (left, right)]
-    assert np.isnan(semi_global(without[0], right, low, high)[gap]).all()
-    found = semi_global(left, without[1], low, high)
+    assert np.isnan(semi_global(without[0], right, low, high, StereoConfig())[gap]).all()
+    found = semi_global(left, without[1], low, high, StereoConfig())
     x, y = np.meshgrid(np.arange(400), np.arange(240))
     there = np.clip(np.round(x - truth).astype(int), 0, 399)
     inside = gap[y, there] & gap[y, np.clip(there - 6, 0, 399)]
@@ -89,18 +90,18 @@ def test_negative_disparities_are_found_too(pair: Pair) -> None:
     moved = np.zeros_like(right.rgb)
     moved[:, 100:] = right.rgb[:, :-100]
     truth = pair.scene.disparity - 100
-    found = semi_global(left, read_image(moved), int(truth.min()) - 4, int(truth.max()) + 4)
+    found = semi_global(left, read_image(moved), int(truth.min()) - 4, int(truth.max()) + 4, StereoConfig())
     inside = np.isfinite(found) & (np.arange(400) < 290)
     assert inside.mean() > 0.3
     assert np.median(np.abs(found - truth)[inside]) < 0.25
 
 
 def test_where_to_look() -> None:
-    low, high = disparity_range(np.linspace(10, 50, 100), 400)
+    low, high = disparity_range(np.linspace(10, 50, 100), 400, StereoConfig())
     assert low <= 2
     assert high >= 58
-    assert isinstance(disparity_range(np.ones(3), 400), Failed)
-    assert "no rectified pair" in str(disparity_range(np.linspace(-300, 300, 100), 400))
+    assert isinstance(disparity_range(np.ones(3), 400, StereoConfig()), Failed)
+    assert "no rectified pair" in str(disparity_range(np.linspace(-300, 300, 100), 400, StereoConfig()))
 
 
 def test_calibration_of_middlebury(tmp_path: Path) -> None:
@@ -159,7 +160,7 @@ def test_a_baseline_is_a_length(baseline: float, tmp_path: Path) -> None:
 
 def test_exchanged_photographs_are_said() -> None:
     with pytest.raises(InputError, match="behind the cameras: give the left photograph first"):
-        disparity_mesh(np.full((40, 60), -10.0, np.float32), rig(size=(60, 40)))
+        disparity_mesh(np.full((40, 60), -10.0, np.float32), rig(size=(60, 40)), CloudConfig())
 
 
 def test_a_map_of_another_scale_sign_or_kind_is_refused() -> None:

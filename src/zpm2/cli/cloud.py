@@ -35,7 +35,7 @@ from zpm2.model.messages import about
 
 if TYPE_CHECKING:
     from zpm2.api import Matcher
-    from zpm2.cloud import MatchedPair, PolygonCloud, RayCaster, Surface, View
+    from zpm2.cloud import MatchedPair, PolygonCloud, PosedPhotograph, RayCaster, SurfaceMesh
     from zpm2.config import Config
     from zpm2.result import MatchResult
     from zpm2.stereo.rig import Rig
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 WORKSPACE = "A workspace"  # groups of options in the help
 STEREO = "A rectified pair"
 PAIRS = "pairs"  # folder of the matches of each pair
-UNMATCHED = ("cloud", "pose", "device")  # stages of a configuration that do not change matches
+UNMATCHED = ("cloud", "pose", "stereo", "reconstruct", "device")  # stages of a configuration that do not change matches
 
 
 def cloud(
@@ -212,16 +212,16 @@ def _asked(config: dict[str, Any]) -> dict[str, Any]:
 def _workspace(
     matcher: _Matcher, folder: Path, mesh: Path | None, images: Path | None, cameras: Path | None, exclusive: bool
 ) -> "PolygonCloud":
-    from zpm2.cloud import MatchedPair, Surface, neighbor_pairs
+    from zpm2.cloud import MatchedPair, SurfaceMesh, fill_holes, neighbor_pairs
     from zpm2.cloud.workspace import find_mesh, read_views
 
     odd = list[str]()
     views = read_views(folder, images, cameras, odd)
     matcher.progress("mesh", 0.0)
-    surface = _filled(Surface.read(mesh or find_mesh(folder)), matcher.config)
+    surface = fill_holes(SurfaceMesh.read(mesh or find_mesh(folder)), matcher.config.cloud)
     matcher.progress("mesh", 1.0)
     caster = _caster(surface)
-    chosen = neighbor_pairs([view.camera for view in views], surface, caster, matcher.config.cloud.neighbors)
+    chosen = neighbor_pairs([view.camera for view in views], surface, caster, matcher.config.cloud)
     pairs = []
     for k, (i, j) in enumerate(chosen):
         matcher.progress("pairs", k / len(chosen))
@@ -240,7 +240,7 @@ def _stereo(
     matches: Path | None,
     exclusive: bool,
 ) -> "PolygonCloud":
-    from zpm2.cloud import MatchedPair, View
+    from zpm2.cloud import MatchedPair, PosedPhotograph, fill_holes
     from zpm2.cloud.disparity_mesh import disparity_mesh
     from zpm2.cloud.export import write_surface
     from zpm2.formats.maps import read_disparity
@@ -259,27 +259,23 @@ def _stereo(
         result = matcher(photographs[0], photographs[1], names)
     matcher.progress("mesh", 0.0)
     if given is None:
-        bounds = dense.disparity_range(result.points.left[:, 0] - result.points.right[:, 0], left.width)
+        differences = result.points.left[:, 0] - result.points.right[:, 0]
+        bounds = dense.disparity_range(differences, left.width, matcher.config.stereo)
+
         if isinstance(bounds, Failed):
             raise InputError(f"no surface from this pair: {bounds}; give --disparity")
-        given = dense.semi_global(left, right, *bounds)
+        given = dense.semi_global(left, right, *bounds, matcher.config.stereo)
     else:
         dense.refuse_other_disparity(given, result.points.left, result.points.right)
-    surface = _filled(disparity_mesh(given, rig), matcher.config)
+    surface = fill_holes(disparity_mesh(given, rig, matcher.config.cloud), matcher.config.cloud)
     write_surface(surface, matcher.out / "mesh.ply")
     matcher.progress("mesh", 1.0)
-    views = [View(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
+    views = [PosedPhotograph(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
     pairs = [MatchedPair(0, 1, result.flatten() if exclusive else result)]
     return _built(views, pairs, surface, _caster(surface), matcher, odd)
 
 
-def _filled(surface: "Surface", config: "Config") -> "Surface":
-    from zpm2.cloud.holes import fill_holes
-
-    return fill_holes(surface, config.cloud.fill * surface.extent)
-
-
-def _caster(surface: "Surface") -> "RayCaster":
+def _caster(surface: "SurfaceMesh") -> "RayCaster":
     """Of a surface; that it is slow is said before the waiting begins."""
     from zpm2.cloud import open_caster
 
@@ -290,9 +286,9 @@ def _caster(surface: "Surface") -> "RayCaster":
 
 
 def _built(
-    views: "list[View]",
+    views: "list[PosedPhotograph]",
     pairs: "list[MatchedPair]",
-    surface: "Surface",
+    surface: "SurfaceMesh",
     caster: "RayCaster",
     matcher: _Matcher,
     odd: list[str],

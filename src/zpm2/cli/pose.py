@@ -36,6 +36,7 @@ from zpm2.cli.console import (
 from zpm2.errors import ConfigError, Failed
 
 if TYPE_CHECKING:
+    from zpm2.config import Config
     from zpm2.model import Camera
     from zpm2.pose import PoseResult
     from zpm2.result import MatchResult
@@ -158,7 +159,7 @@ def pose(
         found = found.with_baseline(baseline) if baseline is not None else found
         extra = []
         if rectify:
-            extra += _rectified(found, images, matched, out)
+            extra += _rectified(found, images, matched, out, config)
         if colmap:
             extra += _colmap(found, (left, right), out)
         found.save(out)
@@ -194,7 +195,7 @@ def _size(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]}"
 
 
-def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Path) -> list[str]:
+def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Path, config: "Config") -> list[str]:
     import cv2
 
     from zpm2.files.record import made_folder
@@ -203,7 +204,7 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     from zpm2.model import SIDES, counterparts
     from zpm2.pose import rectify
 
-    pair = rectify(found, images, matched.matched_polygons())
+    pair = rectify(found, images, matched.matched_polygons(), config.stereo)
     if isinstance(pair, Failed):
         print(f"warning: not rectified: {pair}", file=sys.stderr)
         return []

@@ -8,8 +8,20 @@ from typing import Annotated
 
 import typer
 
-from zpm2 import memory
-from zpm2.cli.console import AllowVrt, AsJson, MaxMemory, Out, Quiet, allow_vrt, bars, fresh_folder
+from zpm2.cli.console import (
+    AllowVrt,
+    AsJson,
+    ConfigFile,
+    MaxMemory,
+    Out,
+    Preset,
+    Quiet,
+    Settings,
+    allow_vrt,
+    bars,
+    configure,
+    fresh_folder,
+)
 from zpm2.errors import ConfigError
 
 
@@ -23,13 +35,21 @@ def reconstruct(
             "[default: structure from motion]"
         ),
     ] = None,
-    max_size: Annotated[int, typer.Option(help="px, the longer side of the images that depth is computed on.")] = 1600,
-    neighbors: Annotated[int, typer.Option(help="Views that the depth of each view is computed from.")] = 3,
+    max_size: Annotated[
+        int | None,
+        typer.Option(help="px, the longer side of the images that depth is computed on.  [default: preset's]"),
+    ] = None,
+    neighbors: Annotated[
+        int | None, typer.Option(help="Views that the depth of each view is computed from.  [default: preset's]")
+    ] = None,
     sequence: Annotated[
         bool,
         typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
     ] = False,
     allowed: AllowVrt = None,
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -39,18 +59,16 @@ def reconstruct(
     Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
     pycolmap: pip install "zpm2[colmap,cloud]".
     """
-    if not 100 <= max_size <= 100_000:
-        raise ConfigError(f"--max-size {max_size}: give at least 100 px, and at most 100,000")
-    if not 1 <= neighbors <= 1000:
-        raise ConfigError(f"--neighbors {neighbors}: give at least 1, and at most 1000")
+    config = configure(preset, config_file, settings, {"max_memory": max_memory})
+    given = {"max_size": max_size, "neighbors": neighbors, "ordered": sequence or None}
+    given = {name: value for name, value in given.items() if value is not None}
+    config = config.from_dict({"reconstruct": given}, config)
     allow_vrt(allowed)
-    memory.size(max_memory or memory.AUTO)
-    memory.limit(max_memory or memory.AUTO)
     from zpm2.cloud.workspace import read_views
     from zpm2.files.listing import distinct_names
     from zpm2.photos.images import read_image
     from zpm2.photos.listing import some_photographs
-    from zpm2.reconstruct import Options, claimed_names
+    from zpm2.reconstruct import claimed_names
     from zpm2.reconstruct import reconstruct as run
 
     known, odd = None, list[str]()
@@ -66,7 +84,7 @@ def reconstruct(
         read_image(path)  # one line for what cannot be read, before anything is written
     folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")
     with folder, bars(quiet or as_json) as (progress, _):
-        made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
+        made = run(paths, out, config, known, progress)
     notes = [*odd, *made.notes]
     for note in notes:
         print(f"warning: {note}", file=sys.stderr)

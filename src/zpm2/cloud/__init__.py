@@ -4,13 +4,14 @@ from zpm2.cloud.build import MatchedPair, build
 from zpm2.cloud.holes import fill_holes
 from zpm2.cloud.lift import Lifted, lift
 from zpm2.cloud.neighbors import neighbor_pairs
-from zpm2.cloud.patch import Cutter, Patch
+from zpm2.cloud.patch import Cutter, SurfacePatch
 from zpm2.cloud.rays import Hits, RayCaster, open_caster
 from zpm2.cloud.result import CloudPatch, PolygonCloud
 from zpm2.cloud.save import save
-from zpm2.cloud.surface import Surface
-from zpm2.cloud.walk import Walks, walk
-from zpm2.cloud.workspace import View, read_views
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.cloud.surface_path import SurfacePaths, trace_paths
+from zpm2.cloud.surface_view import SurfaceView
+from zpm2.cloud.workspace import PosedPhotograph, read_views
 
 __all__ = [
     "CloudPatch",
@@ -18,12 +19,13 @@ __all__ = [
     "Hits",
     "Lifted",
     "MatchedPair",
-    "Patch",
     "PolygonCloud",
+    "PosedPhotograph",
     "RayCaster",
-    "Surface",
-    "View",
-    "Walks",
+    "SurfaceMesh",
+    "SurfacePatch",
+    "SurfacePaths",
+    "SurfaceView",
     "build",
     "fill_holes",
     "lift",
@@ -31,5 +33,5 @@ __all__ = [
     "open_caster",
     "read_views",
     "save",
-    "walk",
+    "trace_paths",
 ]

@@ -1,4 +1,4 @@
-"""Left against right: a true match is lifted to one place by both of its views."""
+"""Cross-check: both views of a true match lift it to the same place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,11 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.cloud.lift import Lifted, outline_in, outlines
-from zpm2.cloud.rays import RayCaster
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.lift import Lifted, outline_in, sampled_boundaries
+from zpm2.cloud.surface_view import SurfaceView
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
-from zpm2.model import Polygon, PosedCamera
+from zpm2.model import Polygon
 
 Array = NDArray[np.float64]
 
@@ -26,11 +25,11 @@ class Agreement:
     distance: float | None  # units of the mesh, between the boundaries that each view lifts, median; None: one misses
     size: float  # units of the mesh, sqrt of the area that the whole boundary has on its plane
 
-    def fault(self, options: CloudConfig) -> str:
-        """What speaks against the match; empty where nothing does."""
-        if self.overlap < options.min_overlap:
+    def objection(self, config: CloudConfig) -> str:
+        """Why the match is rejected; empty where it is not."""
+        if self.overlap < config.min_overlap:
             return f"left and right are not the same place: overlap {self.overlap:.2f}"
-        if self.distance is not None and self.distance > options.max_distance * self.size:
+        if self.distance is not None and self.distance > config.max_distance * self.size:
             return f"left and right lie apart: {self.distance:.3g} at a size of {self.size:.3g}"
         return ""
 
@@ -38,28 +37,26 @@ class Agreement:
 def cross_check(
     polygons: Sequence[tuple[Polygon, Polygon]],
     lifted: Sequence[tuple[Lifted | Failed, Lifted | Failed]],
-    views: tuple[PosedCamera, PosedCamera],
-    surface: Surface,
-    caster: RayCaster,
-    options: CloudConfig,
+    views: tuple[SurfaceView, SurfaceView],
+    config: CloudConfig,
 ) -> list[Agreement | Failed]:
     """The agreement of each matched pair of polygons of which at least one was lifted; else the left one's failure.
 
-    Of a polygon that was lifted in part only, the same share is expected of its partner. Distances are between the
+    Where only a part of a polygon was lifted, the same share is expected of its partner. Distances are between the
     whole boundaries, as rays meet the surface, and medians, so that parts which hang over an edge do not count.
     """
     known = [k for k, pair in enumerate(lifted) if any(pair)]
-    outline = [
-        outlines([polygons[k][side].shape for k in known], views[side], surface, caster, options.step)
-        for side in (0, 1)
+    boundaries = [
+        sampled_boundaries([polygons[k][side].shape for k in known], views[side], config.step) for side in (0, 1)
     ]
-    distances = {k: _distance(a, b) for k, a, b in zip(known, *outline, strict=True)}
+    distances = {k: _distance(a, b) for k, a, b in zip(known, *boundaries, strict=True)}
     result: list[Agreement | Failed] = []
     for k, pair in enumerate(lifted):
         overlaps, sizes = [], []
         for side, own in enumerate(pair):
             if isinstance(own, Lifted):
-                there = outline_in(own.rings, views[1 - side], surface)
+                other = views[1 - side]
+                there = outline_in(own.rings, other.camera, other.surface)
                 overlaps.append(_overlap(there, polygons[k][1 - side].shape, own.scale**2))
                 sizes.append(_size(own) / own.scale)
         if overlaps:

@@ -2,10 +2,10 @@
 
 Polygon diffusion approximation (paper 3.5.2, (1)) looks for one scale of the whole polygon. Where only a part of the
 boundary hangs over an edge, or over a hole of the mesh, one scale takes the rest away as well. Here the inside of the
-polygon is sampled on a grid, neighbouring samples hang together where the paper's constraints hold between them (both
-meet the surface, no jump, no fold), and of the largest connected part the outline stays: it is the polygon's own but
-where another surface begins. Where a part of the surface hides another part of it, the hidden side of that edge goes,
-so that the outline does not run across it.
+polygon is sampled on a grid. Neighbouring samples are connected where the paper's constraints hold between them (both
+meet the surface, no jump, no fold), and the largest connected part is kept. Its outline is the polygon's own, except
+where another surface begins. Where a part of the surface hides another one, the hidden side of that edge is removed, so
+that the outline does not run across it.
 """
 
 from collections.abc import Sequence
@@ -16,43 +16,41 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from zpm2.cloud.rays import Hits, RayCaster
-from zpm2.cloud.shrink import spacing
-from zpm2.cloud.surface import Surface
-from zpm2.cloud.trial import cast
+from zpm2.cloud.rays import Hits
+from zpm2.cloud.scaling import sample_spacing
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.cloud.surface_view import SurfaceView
 from zpm2.config import CloudConfig
-from zpm2.model import PosedCamera
 from zpm2.polygons.repair import largest
 
 Array = NDArray[np.float64]
-ROUND = 1.0  # steps: bays and capes of the cut that are narrower go
-SMALL = 0.02  # of the area: smaller holes of the part do not count
+# of the sample step: the outline after a cut is simplified by so much, and rounded this far from the cut
+CUT_TOLERANCE, CUT_NEIGHBOURHOOD = 0.25, 4.0
 
 
 def one_surface(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
+    shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
 ) -> tuple[list[shapely.Polygon], Array]:
-    """Of each of n polygons (image px) the largest part on one surface, in one piece; empty where nothing is met.
+    """Of each of n polygons (image px) the largest part on one surface, in one piece; empty where no ray meets one.
 
     And (n,) the usual distance on the surface for each px there, units of the mesh; 0 where it is not known.
     """
-    grids = [_grid(shape, options.step) for shape in shapes]
+    grids = [_grid(shape, sample_spacing(shape, config)) for shape in shapes]
     points = np.concatenate([np.zeros((0, 2)), *(low + (at + 0.5) * step for at, low, step in grids)])
-    hits = cast(view, surface, caster, points)
-    distance = np.linalg.norm(hits.point - (view.center - surface.origin), axis=1)
-    result, usual, start = [], np.zeros(len(shapes)), 0
+    hits = view.cast(points)
+    distance = np.linalg.norm(hits.point - view.center, axis=1)
+    result, spacings, start = [], np.zeros(len(shapes)), 0
     for k, (shape, (at, low, step)) in enumerate(zip(shapes, grids, strict=True)):
         rows = slice(start, start + len(at))
         start += len(at)
-        good, gap = _connected(at, hits, distance, rows, surface, options)
-        result.append(_without(shape, at[~good], low, step))
-        usual[k] = gap / step
-    return result, usual
+        good, gap = _connected(at, hits[rows], distance[rows], view.surface, config)
+        result.append(_without_cells(shape, at[~good], low, step, config))
+        spacings[k] = gap / step
+    return result, spacings
 
 
-def _grid(shape: shapely.Polygon, least: float) -> tuple[NDArray[np.int64], Array, float]:
-    """(k, 2) column and row of the cells on and just beside a polygon, the corner of the grid, and its step, px."""
-    step = spacing(shape, least)
+def _grid(shape: shapely.Polygon, step: float) -> tuple[NDArray[np.int64], Array, float]:
+    """(k, 2) column and row of the cells on and just beside a polygon, and the corner and `step` of their grid, px."""
     low = np.array(shape.bounds[:2]) - step
     count = np.ceil((np.array(shape.bounds[2:]) + step - low) / step).astype(int)
     column, row = (part.ravel() for part in np.meshgrid(np.arange(count[0]), np.arange(count[1])))
@@ -63,11 +61,10 @@ def _grid(shape: shapely.Polygon, least: float) -> tuple[NDArray[np.int64], Arra
 
 
 def _connected(
-    at: NDArray[np.int64], hits: Hits, distance: Array, rows: slice, surface: Surface, options: CloudConfig
+    at: NDArray[np.int64], hits: Hits, distance: Array, surface: SurfaceMesh, config: CloudConfig
 ) -> tuple[NDArray[np.bool_], float]:
     """(k,) which cells belong to the largest connected part, and the median distance of neighbours on the surface."""
-    face, point, far = hits.face[rows], hits.point[rows], distance[rows]
-    met = face >= 0
+    face, point, met = hits.face, hits.point, hits.face >= 0
     if not met.any():
         return met, 0.0
     width = int(at[:, 0].max()) + 2
@@ -83,8 +80,8 @@ def _connected(
     gap = np.linalg.norm(point[first] - point[second], axis=1)
     usual = float(np.median(gap))
     bend = np.einsum("ni,ni->n", surface.normals[face[first]], surface.normals[face[second]])
-    holds = (gap <= options.max_edge * usual) & (bend >= np.cos(np.radians(options.max_fold)))
-    behind = np.where(far[first] > far[second], first, second)[~holds]
+    holds = (gap <= config.max_edge * usual) & (bend >= np.cos(np.radians(config.max_fold)))
+    behind = np.where(distance[first] > distance[second], first, second)[~holds]
     met[behind] = False
     holds &= met[first] & met[second]
     first, second = first[holds], second[holds]
@@ -94,13 +91,15 @@ def _connected(
     return np.asarray(met & (label == np.bincount(label[met]).argmax())), usual
 
 
-def without_places(shape: shapely.Polygon, places: Array, step: float) -> shapely.Polygon:
-    """The largest piece of a polygon without discs of `step` px around (k, 2) places on its boundary."""
-    return _rounded(shape, shapely.buffer(shapely.multipoints(places), step), step)
+def without_discs(shape: shapely.Polygon, places: Array, radius: float, config: CloudConfig) -> shapely.Polygon:
+    """The largest piece of a polygon without discs of `radius` px around (k, 2) places on its boundary."""
+    return _rounded(shape, shapely.buffer(shapely.multipoints(places), radius), radius, config)
 
 
-def _without(shape: shapely.Polygon, bad: NDArray[np.int64], low: Array, step: float) -> shapely.Polygon:
-    """The polygon without some cells of its grid, rounded, the largest piece."""
+def _without_cells(
+    shape: shapely.Polygon, bad: NDArray[np.int64], low: Array, step: float, config: CloudConfig
+) -> shapely.Polygon:
+    """The largest piece of the polygon without the cells `bad` (k, 2) of its grid, rounded."""
     if len(bad) == 0:
         return shape
     order = np.lexsort((bad[:, 0], bad[:, 1]))  # runs of cells of a row are one box each
@@ -111,14 +110,16 @@ def _without(shape: shapely.Polygon, bad: NDArray[np.int64], low: Array, step: f
     a, b = low[0] + first * step, low[0] + (last + 1) * step
     c, d = low[1] + row * step, low[1] + (row + 1) * step
     gone = shapely.union_all(shapely.box(a, c, b, d))
-    return _rounded(shape, shapely.buffer(gone, step * ROUND / 2), step)
+    return _rounded(shape, shapely.buffer(gone, step * config.cut_width / 2), step, config)
 
 
-def _rounded(shape: shapely.Polygon, gone: shapely.Geometry, step: float) -> shapely.Polygon:
-    """The largest piece of a polygon without something, and without what is thin beside that."""
+def _rounded(shape: shapely.Polygon, gone: shapely.Geometry, step: float, config: CloudConfig) -> shapely.Polygon:
+    """The largest piece of a polygon without the area `gone`, and without thin pieces beside that."""
+    width = step * config.cut_width
     left = shapely.difference(shape, gone)
-    wide = shapely.buffer(shapely.buffer(left, -step * ROUND), step * ROUND)
-    thin = shapely.intersection(shapely.difference(left, wide), shapely.buffer(gone, 4 * step * ROUND))
-    part = largest(shapely.simplify(shapely.difference(left, thin), step / 4))
-    holes = [hole for hole in part.interiors if shapely.Polygon(hole).area >= SMALL * shape.area]
+    wide = shapely.buffer(shapely.buffer(left, -width), width)
+    beside = shapely.buffer(gone, CUT_NEIGHBOURHOOD * width)
+    thin = shapely.intersection(shapely.difference(left, wide), beside)
+    part = largest(shapely.simplify(shapely.difference(left, thin), CUT_TOLERANCE * step))
+    holes = [hole for hole in part.interiors if shapely.Polygon(hole).area >= config.min_part_hole * shape.area]
     return shapely.Polygon(part.exterior, holes)

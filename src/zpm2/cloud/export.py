@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.cloud.result import CloudPatch, PolygonCloud
-from zpm2.cloud.surface import Surface, require_trimesh
+from zpm2.cloud.surface import SurfaceMesh, require_trimesh
 from zpm2.config import RasterConfig
 from zpm2.errors import MissingDependency
 from zpm2.files.writing import atomic_write
@@ -20,16 +20,16 @@ from zpm2.photos.images import read_image
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-TUBE = 0.0015  # of the extent: radius of the tubes around boundaries
-SIDES = 6  # of a tube
-DARKER = 0.45  # of a patch's colour: its boundary's
+TUBE_RADIUS = 0.0015  # of the extent: radius of the tubes around boundaries
+TUBE_SIDES = 6  # of a tube
+BOUNDARY_SHADE = 0.45  # of a patch's colour
 FRAME = "coordinates of the cameras and of the mesh"
 
 
 def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
     """Vertices and triangles of tubes around closed lines (k, 3) each, in their coordinates."""
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    turn = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
+    angles = np.linspace(0, 2 * np.pi, TUBE_SIDES, endpoint=False)
     for line in rings:
         ring = _thinned(line, radius)
         n = len(ring)
@@ -40,19 +40,19 @@ def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
         across = np.cross(along, np.eye(3)[np.abs(along).argmin(1)])
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
         up = np.cross(along, across)
-        around = np.cos(turn)[:, None] * across[:, None] + np.sin(turn)[:, None] * up[:, None]
+        around = np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * up[:, None]
         points.append((ring[:, None] + radius * around).reshape(-1, 3))
-        at = np.arange(n * SIDES).reshape(n, SIDES)
+        at = np.arange(n * TUBE_SIDES).reshape(n, TUBE_SIDES)
         a, b = at, np.roll(at, -1, axis=1)
-        # frames may turn from one ring of the tube to the next: each joins where it fits best
+        # frames may rotate from one ring of the tube to the next: each is joined where it fits best
         shift = _fit(around, np.roll(around, -1, axis=0))
         following = np.roll(at, -1, axis=0)
         rows = np.arange(n)[:, None]
-        c = following[rows, (np.arange(SIDES) + shift[:, None]) % SIDES]
-        d = following[rows, (np.arange(SIDES) + 1 + shift[:, None]) % SIDES]
+        c = following[rows, (np.arange(TUBE_SIDES) + shift[:, None]) % TUBE_SIDES]
+        d = following[rows, (np.arange(TUBE_SIDES) + 1 + shift[:, None]) % TUBE_SIDES]
         quads = np.concatenate([np.stack([a, b, d], axis=2), np.stack([a, d, c], axis=2)]).reshape(-1, 3)
         faces.append(quads + count)
-        count += n * SIDES
+        count += n * TUBE_SIDES
     return np.concatenate(points), np.concatenate(faces)
 
 
@@ -86,7 +86,7 @@ def write_ply(cloud: PolygonCloud, path: Path) -> Path:
 
 def write_points(cloud: PolygonCloud, spacing: float, *paths: Path) -> int:
     """Points on the patches about every `spacing`, with the colour of the photograph that saw them and the patch's id,
-    as .ply, or as .las (package laspy). A point of nested patches is the innermost one's. Returns how many."""
+    as .ply, or as .las (package laspy). A point on nested patches belongs to the innermost one. Returns how many."""
     points, rgb, patch = sampled(cloud, spacing)
     for path in paths:
         atomic_write(path, (_las if path.suffix == ".las" else _points_ply)(points, rgb, patch))
@@ -124,7 +124,7 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
             on_patch = np.einsum("nk,nki->ni", weights, patch.vertices[patch.faces[face]])
             at = cloud.world(on_patch)
             seen = np.nan_to_num(camera.project(at))
-            for part in parts.get(polygon.id, []):  # what belongs to a part is the part's
+            for part in parts.get(polygon.id, []):  # points on a part belong to the part
                 inside = shapely.contains_xy(part.outline(camera, cloud.surface), seen)
                 at, seen = at[~inside], seen[~inside]
             points.append(at)
@@ -142,20 +142,20 @@ def write_glb(cloud: PolygonCloud, path: Path) -> Path:
     trimesh = require_trimesh()
     scene = trimesh.Scene(metadata={"origin": cloud.surface.origin.tolist(), "schema": "zpm2-cloud/1"})
     low, high = cloud.box
-    radius = TUBE * float(np.linalg.norm(high - low))
+    radius = TUBE_RADIUS * float(np.linalg.norm(high - low))
     for polygon, rgb in zip(cloud.patches, cloud.colors, strict=True):
         mesh = _coloured(trimesh, polygon.patch.vertices, polygon.patch.faces, rgb)
         mesh.metadata = attributes(polygon)
         scene.add_geometry(mesh, node_name=f"polygon {polygon.id}", geom_name=f"polygon {polygon.id}")
         tube = tubes([ring.points for ring in polygon.rings], radius)
         if len(tube[1]):
-            line = _coloured(trimesh, *tube, (rgb * DARKER).astype(np.uint8))
+            line = _coloured(trimesh, *tube, (rgb * BOUNDARY_SHADE).astype(np.uint8))
             scene.add_geometry(line, node_name=f"boundary {polygon.id}", geom_name=f"boundary {polygon.id}")
     return atomic_write(path, scene.export(file_type="glb"))
 
 
 def attributes(polygon: CloudPatch) -> dict[str, Any]:
-    """What is said of a polygon beside its geometry."""
+    """The attributes of a polygon, without its geometry."""
     patch = polygon.patch
     return {
         "id": polygon.id,
@@ -200,7 +200,7 @@ def write_boundaries(cloud: PolygonCloud, folder: Path) -> list[Path]:
     ]
 
 
-def write_surface(surface: Surface, path: Path) -> Path:
+def write_surface(surface: SurfaceMesh, path: Path) -> Path:
     """A mesh as binary PLY in double precision, in the coordinates of the cameras."""
     face = np.zeros(len(surface.faces), [("n", "u1"), ("v", "<i4", 3)])
     face["n"], face["v"] = 3, surface.faces
@@ -268,5 +268,5 @@ def _thinned(ring: Array, step: float) -> Array:
 
 def _fit(first: Array, second: Array) -> Indices:
     """(n,) by how many corners each second ring must be turned so that its corners lie next to the first's."""
-    agreement = [np.einsum("nki,nki->n", first, np.roll(second, -k, axis=1)) for k in range(SIDES)]
+    agreement = [np.einsum("nki,nki->n", first, np.roll(second, -k, axis=1)) for k in range(TUBE_SIDES)]
     return np.argmax(agreement, axis=0)

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-FLAT = 1e-9  # of a face's area: thinner triangles of a fan leave out a corner
-SAME = 1e-6  # share by which the areas of a face and of its triangles may differ
+FLAT_TRIANGLE = 1e-9  # of a face's area: a thinner triangle of a fan would leave out a corner
+AREA_TOLERANCE = 1e-6  # share by which the areas of a face and of its triangles may differ
 
 
 def triangulate(vertices: Array, faces: Sequence[Indices]) -> tuple[Indices, list[str]]:
-    """(t, 3) triangles of faces of one number of corners each, (m, k), turned as they are, and what was odd.
+    """(t, 3) triangles of faces, (m, k) for each number k of corners, oriented as the faces are, and notes on odd ones.
 
     A face whose fan from its first corner has only triangles of its own orientation is that fan: all convex ones are.
-    Others are cut in the plane that fits them best, with their edges kept (constrained Delaunay triangulation), holes
-    that a bridge joins to the border included. Only one that crosses itself is a fan nonetheless.
+    Others are cut in the plane that fits them best, with their edges kept (constrained Delaunay triangulation), even
+    with holes that a bridge joins to the border. Only a face that crosses itself is made a fan nonetheless.
     """
     found, crossing, short = [np.zeros((0, 3), np.int64)], 0, 0
     for corners in faces:
@@ -30,11 +30,11 @@ def triangulate(vertices: Array, faces: Sequence[Indices]) -> tuple[Indices, lis
         )
         if k > 3:
             points = vertices[corners] - vertices[corners[:, :1]]
-            points[~np.isfinite(points).all((1, 2))] = 0  # left out by `Surface.of`
+            points[~np.isfinite(points).all((1, 2))] = 0  # left out by `SurfaceMesh.of`
             crosses = np.cross(points[:, 1:-1], points[:, 2:])
             normal = crosses.sum(1)  # twice the area long
             size = np.einsum("mi,mi->m", normal, normal)
-            bent = (np.einsum("mki,mi->mk", crosses, normal) <= FLAT * size[:, None]).any(1) & (size > 0)
+            bent = (np.einsum("mki,mi->mk", crosses, normal) <= FLAT_TRIANGLE * size[:, None]).any(1) & (size > 0)
             cut, crossed = _cut(corners[bent], points[bent], normal[bent])
             found.append(cut)
             crossing += len(crossed)
@@ -62,7 +62,7 @@ def _cut(corners: Indices, points: Array, normal: Array) -> tuple[Indices, Indic
     x1, y1 = (ends[:, 2] - ends[:, 0]).T
     twice = x0 * y1 - y0 * x1
     away = np.abs(np.bincount(of, np.abs(twice), len(flat)) - np.linalg.norm(normal, axis=1))
-    good = away <= SAME * np.linalg.norm(normal, axis=1)
+    good = away <= AREA_TOLERANCE * np.linalg.norm(normal, axis=1)
     ends, of, twice = ends[good[of]], of[good[of]], twice[good[of]]
     at = np.stack([np.abs(flat[of] - ends[:, j, None]).sum(2).argmin(1) for j in range(3)], axis=1)
     triangles = np.take_along_axis(corners[of], at, axis=1)
@@ -70,7 +70,7 @@ def _cut(corners: Indices, points: Array, normal: Array) -> tuple[Indices, Indic
 
 
 def _pieces(shapes: NDArray[np.object_]) -> NDArray[np.object_]:
-    """The triangles of each shape; none of one that GEOS cannot cut, which would bar all others."""
+    """The triangles of each shape. One that GEOS cannot cut gives none, and does not keep the others from being cut."""
     try:
         return np.asarray(shapely.constrained_delaunay_triangles(shapes), object)
     except shapely.errors.GEOSException:

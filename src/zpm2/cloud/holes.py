@@ -1,9 +1,9 @@
 """Small holes of a surface closed, so that rays do not fall through (paper 3.5.2, (1)).
 
-A hole is a closed loop of edges that have one triangle. Its rim, seen along the normal of the plane that fits it best,
-is filled with points as dense as the rim and triangulated (Delaunay). Their heights continue the surface around: a
-thin-plate spline through the rim and the vertices next to it. Loops that are wide, bent, or cross themselves in that
-view stay open.
+A hole is a closed loop of edges that have one triangle each. Its rim, seen along the normal of the plane that fits it
+best, is filled with points as dense as the rim and triangulated (Delaunay). Their heights continue the surface around
+it: a thin-plate spline through the rim and the vertices next to it. Loops that are wide, bent, or cross themselves in
+that view stay open.
 """
 
 import dataclasses
@@ -16,22 +16,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
-from zpm2.cloud.surface import Surface, neighbors_of
+from zpm2.cloud.surface import SurfaceMesh, neighbors_of
+from zpm2.config import CloudConfig
 from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-BENT = 0.15  # of a hole's width: a rim that leaves its plane further than this joins two surfaces
-LONGEST = 1000  # edges of a rim
-AROUND = 400  # points of the rim and next to it that shape a filling
-TURNS = 1000  # triangles around a vertex
+MAX_VALENCE = 1000  # triangles around a vertex that are visited
+FLAT_RIM = 1e-9  # ratio of its spreads, below which a rim is a line
 
 
-def fill_holes(surface: Surface, widest: float) -> Surface:
-    """The surface with its holes up to `widest` (diagonal of the rim's box, units of the mesh) filled.
+def fill_holes(surface: SurfaceMesh, config: CloudConfig) -> SurfaceMesh:
+    """The surface with its small holes filled: the diagonal of the rim's box is up to `fill` times the extent.
 
-    New triangles come last: `Surface.filled` of them. Notes say how many were filled, and how many stayed open.
+    New triangles come last: `SurfaceMesh.filled` of them. Notes say how many were filled, and how many stayed open.
     """
+    widest = config.fill * surface.extent
     if widest <= 0:
         return surface
     loops, tangled = _loops(surface)
@@ -41,11 +41,11 @@ def fill_holes(surface: Surface, widest: float) -> Surface:
         rim = surface.faces[loop // 3, loop % 3]  # in the order of the triangles around
         if _is_outer(surface, loop, rim):
             continue
-        if len(rim) > LONGEST or np.linalg.norm(np.ptp(surface.vertices[rim], axis=0)) > widest:
+        if len(rim) > config.max_hole_edges or np.linalg.norm(np.ptp(surface.vertices[rim], axis=0)) > widest:
             wide += 1
             continue
         beside = surface.faces[loop // 3, (loop % 3 + 2) % 3]
-        made = _filling(surface.vertices, rim[::-1], beside)  # the other way round, as they are on the other side
+        made = _filling(surface.vertices, rim[::-1], beside, config)  # reversed: the filling lies on the other side
         if made is None:
             bent += 1
             continue
@@ -71,7 +71,7 @@ def fill_holes(surface: Surface, widest: float) -> Surface:
     )
 
 
-def _loops(surface: Surface) -> tuple[list[Indices], int]:
+def _loops(surface: SurfaceMesh) -> tuple[list[Indices], int]:
     """Closed rims, each as its edges in order (3 times the triangle plus the corner where the edge starts), and how
     many rims are not closed (of edges with more than two triangles, or triangles of opposite orientation)."""
     faces, open_ = surface.faces, surface.neighbors < 0
@@ -80,7 +80,7 @@ def _loops(surface: Surface) -> tuple[list[Indices], int]:
     pivot = faces[face, corner]
     following = np.full(len(rim), -1, np.int64)
     turning = np.arange(len(rim))
-    for _ in range(TURNS):  # around that vertex, to the next open edge
+    for _ in range(MAX_VALENCE):  # around that vertex, to the next open edge
         at = open_[face[turning], corner[turning]]
         ended = turning[at]
         following[ended] = 3 * face[ended] + corner[ended]
@@ -108,37 +108,37 @@ def _loops(surface: Surface) -> tuple[list[Indices], int]:
         for j in range(len(loop)):
             loop[j] = rim[at]
             at = next_[at]
-        loops += _simple(loop, faces[loop // 3, loop % 3])
+        loops += _without_touching(loop, faces[loop // 3, loop % 3])
     return loops, int(broken.sum())
 
 
-def _simple(loop: Indices, rim: Indices) -> list[Indices]:
-    """A rim that comes more than once by a vertex, where holes touch, as several that do not."""
+def _without_touching(loop: Indices, rim: Indices) -> list[Indices]:
+    """A rim that passes a vertex more than once, where holes touch, as several rims that do not."""
     if len(np.unique(rim)) == len(rim):
         return [loop]
     found: list[Indices] = []
-    way: list[int] = []
+    path: list[int] = []
     at: dict[int, int] = {}
     for edge, vertex in zip(loop.tolist(), rim.tolist(), strict=True):
         if vertex in at:
-            found.append(np.array(way[at[vertex] :]))
-            for old in way[at[vertex] :]:
+            found.append(np.array(path[at[vertex] :]))
+            for old in path[at[vertex] :]:
                 at.pop(int(rim[np.flatnonzero(loop == old)[0]]))
-            del way[len(way) - len(found[-1]) :]
-        at[vertex] = len(way)
-        way.append(edge)
-    return [*found, np.array(way)]
+            del path[len(path) - len(found[-1]) :]
+        at[vertex] = len(path)
+        path.append(edge)
+    return [*found, np.array(path)]
 
 
-def _is_outer(surface: Surface, loop: Indices, rim: Indices) -> bool:
-    """Whether what a rim encloses is the surface itself, not a hole: filled, it would lie back to back with it."""
+def _is_outer(surface: SurfaceMesh, loop: Indices, rim: Indices) -> bool:
+    """Whether a rim is the outer border of a surface, not a hole: a filling would lie back to back with it."""
     ring = surface.vertices[rim[::-1]] - surface.vertices[rim].mean(0)
     across = np.cross(ring, np.roll(ring, -1, axis=0)).sum(0)
     return bool(surface.normals[loop // 3].sum(0) @ across <= 0)
 
 
-def _filling(vertices: Array, rim: Indices, beside: Indices) -> tuple[Array, Indices] | None:
-    """(k, 3) new points and the triangles of rim and new points (rows of both together), or None."""
+def _filling(vertices: Array, rim: Indices, beside: Indices, config: CloudConfig) -> tuple[Array, Indices] | None:
+    """(k, 3) new points and the triangles of rim and new points (rows of both together); None for a bent rim."""
     ring = vertices[rim]
     if len(rim) == 3:
         return np.zeros((0, 3)), np.array([[0, 1, 2]])
@@ -147,7 +147,8 @@ def _filling(vertices: Array, rim: Indices, beside: Indices) -> tuple[Array, Ind
     flat = (ring - middle) @ axes.T
     shape = shapely.Polygon(flat[:, :2])
     width = float(np.linalg.norm(np.ptp(flat, axis=0)))
-    if not shape.is_valid or spread[1] <= 1e-9 * spread[0] or np.abs(flat[:, 2]).max() > BENT * width:
+    bent = np.abs(flat[:, 2]).max() > config.max_hole_bend * width  # such a rim joins two surfaces
+    if not shape.is_valid or spread[1] <= FLAT_RIM * spread[0] or bent:
         return None
     step = float(np.linalg.norm(np.roll(flat, -1, axis=0) - flat, axis=1).mean())
     inner = _inside(shape, step)
@@ -159,7 +160,7 @@ def _filling(vertices: Array, rim: Indices, beside: Indices) -> tuple[Array, Ind
         return None
     if len(inner):
         around = np.concatenate([flat, (vertices[np.setdiff1d(beside, rim)] - middle) @ axes.T])
-        around = around[:: -(-len(around) // AROUND)]
+        around = around[:: -(-len(around) // config.max_hole_support)]
         try:
             height = RBFInterpolator(around[:, :2], around[:, 2], kernel="thin_plate_spline")(inner)
         except np.linalg.LinAlgError:  # all of them on a line
@@ -185,7 +186,7 @@ def _inside(shape: shapely.Polygon, step: float) -> Array:
 
 
 def _triangles(rim: Array, inner: Array, shape: shapely.Polygon) -> Indices | None:
-    """Delaunay triangles inside, by rows of rim and inner points together; None where an edge of the rim is none."""
+    """Delaunay triangles inside, by rows of rim and inner points together; None where they lack an edge of the rim."""
     points = np.r_[rim, inner]
     try:
         triangles = Delaunay(points).simplices.astype(np.int64)

@@ -8,12 +8,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.cloud.diffusion import one_surface, without_places
-from zpm2.cloud.rays import Hits, RayCaster
-from zpm2.cloud.shrink import Shrinker, densified, rings_of, spacing
-from zpm2.cloud.surface import Surface
-from zpm2.cloud.trial import Fault, cast, faults
-from zpm2.cloud.walk import walk
+from zpm2.cloud.constraints import Violation, violations
+from zpm2.cloud.diffusion import one_surface, without_discs
+from zpm2.cloud.rays import Hits
+from zpm2.cloud.scaling import PolygonScaler, densified, rings_of, sample_spacing
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.cloud.surface_path import trace_paths
+from zpm2.cloud.surface_view import SurfaceView
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Polygon, PosedCamera
@@ -21,17 +22,15 @@ from zpm2.polygons.repair import mended
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-ROUNDS = 4  # of taking away where an outline runs across an edge
-MISSED = 0.05  # of the samples of a boundary may fall through the surface; the rest is joined
-INSIDE = 1e-7  # smallest barycentric weight of an anchor, so that it lies inside its triangle
+MIN_WEIGHT = 1e-7  # barycentric, of an anchor: so that it lies inside its triangle
 
 
 @dataclass(frozen=True, eq=False)
-class Ring:
+class SurfaceRing:
     """A closed boundary on a surface. Segment k leads from point k to point k + 1 (the last one to the first)."""
 
     points: Array  # (k, 3) in the surface's coordinates
-    faces: Indices  # (k,) the triangle on which each segment lies; -1 where no walk led along the surface
+    faces: Indices  # (k,) the triangle on which each segment lies; -1 where no path led along the surface
 
     @property
     def length(self) -> float:
@@ -41,13 +40,13 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """A polygon on the surface."""
+    """A polygon lifted onto the surface."""
 
     id: int
-    rings: tuple[Ring, ...]  # exterior first
+    rings: tuple[SurfaceRing, ...]  # exterior first
     shape: shapely.Polygon  # the part of the polygon that was lifted, image px
     scale: float  # sqrt of the share of its area, s of the diffusion; 1: the whole polygon
-    bridged: int  # segments that are straight, as no walk led along the surface
+    bridged: int  # straight segments, where no path led along the surface
 
     @property
     def length(self) -> float:
@@ -55,165 +54,158 @@ class Lifted:
         return sum(ring.length for ring in self.rings)
 
 
-def lift(
-    polygons: Sequence[Polygon],
-    view: PosedCamera,
-    surface: Surface,
-    caster: RayCaster,
-    options: CloudConfig | None = None,
-) -> list[Lifted | Failed]:
-    """Each polygon of a view on the surface, or why it cannot be there.
+def lift(polygons: Sequence[Polygon], view: SurfaceView, config: CloudConfig) -> list[Lifted | Failed]:
+    """Each polygon of a view on the surface, or why it cannot be lifted.
 
     A polygon can be lifted if its boundary lies on one surface: all samples meet it, no edge between neighbours is much
     longer than the others for its px, the normals of neighbours do not fold, and the whole is no larger than its image
-    allows. Of one that cannot, the part on one surface is tried (`diffusion.one_surface`, unless the configuration says
-    "scale"), and then the largest scale is looked for by bisection (`Shrinker`). All polygons take their trials
-    together, in one cast of rays.
+    allows. Of any other polygon the part on one surface is tried (`diffusion.one_surface`, unless the configuration
+    says "scale"), and then the largest scale is found by bisection (`PolygonScaler`). Each trial is one cast of rays
+    for all polygons.
     """
-    options = options or CloudConfig()
     shapes = [polygon.shape for polygon in polygons]
-    reason = [_text(fault) for fault in faults(shapes, view, surface, caster, options)]
-    bad = [k for k, text in enumerate(reason) if text]
-    if options.diffusion == "surface" and bad:
-        parts, said = _parts([shapes[k] for k in bad], view, surface, caster, options)
-        for k, part, text in zip(bad, parts, said, strict=True):
-            shapes[k], reason[k] = part, text and reason[k]
-        bad = [k for k in bad if reason[k] and not shapes[k].is_empty]
-    shrunk, said = _shrunk([shapes[k] for k in bad], view, surface, caster, options)
-    for k, shape, text in zip(bad, shrunk, said, strict=True):
-        shapes[k], reason[k] = shape, text
-    scale = np.array([(s.area / p.area) ** 0.5 for s, p in zip(shapes, polygons, strict=True)])
-    for k in np.flatnonzero(scale < options.min_scale).tolist():
-        reason[k] = reason[k] or "too little of it lies on one surface"
-    return _on_surface(polygons, shapes, scale, reason, view, surface, caster, options)
-
-
-def _parts(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
-) -> tuple[list[shapely.Polygon], list[str]]:
-    """The part of each shape on one surface, and what is wrong with its boundary still; empty where nothing is.
-
-    The inside hangs together, but its outline may run across an edge between samples of the inside: those places are
-    taken away, a few times.
-    """
-    parts, usual = one_surface(shapes, view, surface, caster, options)
-    said = faults(parts, view, surface, caster, options, usual)
-    for _ in range(ROUNDS):
-        again = [k for k, fault in enumerate(said) if fault is not None and len(fault.at)]
-        if not again:
-            break
-        for k in again:
-            fault = said[k]
-            assert fault is not None
-            parts[k] = without_places(parts[k], fault.at, 1.5 * spacing(shapes[k], options.step))
-        mended = faults([parts[k] for k in again], view, surface, caster, options, usual[again])
-        for k, fault in zip(again, mended, strict=True):
-            said[k] = fault
-    return parts, [_text(fault) for fault in said]
-
-
-def _text(fault: Fault | None) -> str:
-    return "" if fault is None else fault.reason
-
-
-def _on_surface(
-    polygons: Sequence[Polygon],
-    shapes: Sequence[shapely.Polygon],
-    scale: Array,
-    reason: Sequence[str],
-    view: PosedCamera,
-    surface: Surface,
-    caster: RayCaster,
-    options: CloudConfig,
-) -> list[Lifted | Failed]:
-    """The boundaries of those shapes that have no reason not to, traced along the surface."""
-    result: list[Lifted | Failed] = [Failed(text) for text in reason]
-    good = [k for k, text in enumerate(reason) if not text]
-    rings = [(k, densified(ring, options.step)) for k in good for ring in rings_of(shapes[k])]
-    if not rings:
-        return result
-    hits = cast(view, surface, caster, np.concatenate([ring for _, ring in rings]))
-    bounds = np.cumsum([0, *(len(ring) for _, ring in rings)])
-    met = [int(hits.found[a:b].sum()) for a, b in pairwise(bounds)]
-    mine: dict[int, list[Ring]] = {k: [] for k in good}
-    kept = Hits(hits.face[hits.found], hits.point[hits.found], hits.weights[hits.found])
-    for (k, ring), traced, count in zip(rings, _traced(surface, view, kept, met), met, strict=True):
-        if count < max(3, (1 - MISSED) * len(ring)):
-            result[k] = Failed("the surface has holes under its boundary")
-        mine[k].append(traced)
-    for k, boundary in mine.items():
-        if result[k] == Failed(""):
-            bridged = sum(int((ring.faces < 0).sum()) for ring in boundary)
-            result[k] = Lifted(polygons[k].id, tuple(boundary), shapes[k], float(scale[k]), bridged)
+    reasons = _reasons(violations(shapes, view, config))
+    bad = [k for k, text in enumerate(reasons) if text]
+    if config.diffusion == "surface" and bad:
+        parts, left = _parts([shapes[k] for k in bad], view, config)
+        for k, part, text in zip(bad, parts, left, strict=True):
+            shapes[k], reasons[k] = part, text and reasons[k]
+        bad = [k for k in bad if reasons[k] and not shapes[k].is_empty]
+    scaled, left = _scaled([shapes[k] for k in bad], view, config)
+    for k, shape, text in zip(bad, scaled, left, strict=True):
+        shapes[k], reasons[k] = shape, text
+    scales = np.array([(s.area / p.area) ** 0.5 for s, p in zip(shapes, polygons, strict=True)])
+    for k in np.flatnonzero(scales < config.min_scale).tolist():
+        reasons[k] = reasons[k] or "too little of it lies on one surface"
+    result: list[Lifted | Failed] = [Failed(text) for text in reasons]
+    good = [k for k, text in enumerate(reasons) if not text]
+    for k, rings in zip(good, _boundaries([shapes[k] for k in good], view, config), strict=True):
+        if isinstance(rings, Failed):
+            result[k] = rings
+        else:
+            bridged = sum(int((ring.faces < 0).sum()) for ring in rings)
+            result[k] = Lifted(polygons[k].id, rings, shapes[k], float(scales[k]), bridged)
     return result
 
 
-def outline_in(rings: Sequence[Ring], view: PosedCamera, surface: Surface) -> shapely.Geometry:
-    """A boundary on a surface as a view sees it, px, whatever hides it; empty where a part is behind the view."""
-    seen = [view.project(ring.points + surface.origin) for ring in rings]
+def outline_in(rings: Sequence[SurfaceRing], camera: PosedCamera, surface: SurfaceMesh) -> shapely.Geometry:
+    """A boundary on a surface as a camera sees it, px, hidden parts too; empty where a part is behind the camera."""
+    seen = [camera.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()
     return mended(shapely.Polygon(seen[0], seen[1:]))
 
 
-def outlines(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, step: float
-) -> list[Array]:
-    """(k, 3) where each boundary, sampled every `step` px, meets the surface; what misses it is left out."""
+def sampled_boundaries(shapes: Sequence[shapely.Polygon], view: SurfaceView, step: float) -> list[Array]:
+    """(k, 3) where each boundary, sampled every `step` px, meets the surface; samples that miss it are left out."""
     rings = [[densified(ring, step) for ring in rings_of(shape)] for shape in shapes]
     counts = [sum(len(ring) for ring in of) for of in rings]
-    points = np.concatenate([np.zeros((0, 2)), *(ring for of in rings for ring in of)])
-    hits = cast(view, surface, caster, points)
+    hits = view.cast(np.concatenate([np.zeros((0, 2)), *(ring for of in rings for ring in of)]))
     bounds = np.cumsum([0, *counts])
     return [hits.point[a:b][hits.found[a:b]] for a, b in pairwise(bounds)]
 
 
-def _shrunk(
-    shapes: Sequence[shapely.Polygon], view: PosedCamera, surface: Surface, caster: RayCaster, options: CloudConfig
+def _reasons(found: Sequence[Violation | None]) -> list[str]:
+    return ["" if violation is None else violation.reason for violation in found]
+
+
+def _parts(
+    shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
+) -> tuple[list[shapely.Polygon], list[str]]:
+    """The part of each shape on one surface, and the constraint that its boundary still violates; empty for none.
+
+    The inside is connected, but its outline may run across an edge between samples of the inside: those places are
+    taken away, a few times.
+    """
+    parts, spacings = one_surface(shapes, view, config)
+    found = violations(parts, view, config, spacings)
+    for _ in range(config.cut_rounds):
+        again = [k for k, violation in enumerate(found) if violation is not None and len(violation.at)]
+        if not again:
+            break
+        for k in again:
+            violation = found[k]
+            assert violation is not None
+            radius = config.cut_radius * sample_spacing(shapes[k], config)
+            parts[k] = without_discs(parts[k], violation.at, radius, config)
+        for k, violation in zip(
+            again, violations([parts[k] for k in again], view, config, spacings[again]), strict=True
+        ):
+            found[k] = violation
+    return parts, _reasons(found)
+
+
+def _scaled(
+    shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
 ) -> tuple[list[shapely.Polygon], list[str]]:
     """Each shape at the largest scale below 1 that passes, and why the least one did not where none does."""
-    shrinkers = [Shrinker(shape) for shape in shapes]
+    scalers = [PolygonScaler(shape) for shape in shapes]
     n = len(shapes)
-    best, reason = list(shapes), [""] * n
-    low, high = np.full(n, options.min_scale), np.ones(n)
+    best, reasons = list(shapes), [""] * n
+    low, high = np.full(n, config.min_scale), np.ones(n)
 
     def test(rows: Indices, scales: Array) -> NDArray[np.bool_]:
-        trial = [shrinkers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
-        said = [_text(fault) for fault in faults(trial, view, surface, caster, options)]
-        for k, shape, text in zip(rows, trial, said, strict=True):
-            reason[k] = text
+        tried = [scalers[k].at(float(scale)) for k, scale in zip(rows, scales, strict=True)]
+        found = _reasons(violations(tried, view, config))
+        for k, shape, text in zip(rows, tried, found, strict=True):
+            reasons[k] = text
             if not text:
                 best[k] = shape
-        return np.array([not text for text in said], bool)
+        return np.array([not text for text in found], bool)
 
-    everyone = np.arange(n)
-    open_ = everyone[test(everyone, low)]
-    for _ in range(options.halvings):
+    every = np.arange(n)
+    open_ = every[test(every, low)]
+    for _ in range(config.halvings):
         middle = (low[open_] + high[open_]) / 2
         passed = test(open_, middle)
         low[open_[passed]], high[open_[~passed]] = middle[passed], middle[~passed]
     for k in open_:
-        reason[k] = ""
-    return best, reason
+        reasons[k] = ""
+    return best, reasons
 
 
-def _traced(surface: Surface, view: PosedCamera, hits: Hits, counts: Sequence[int]) -> list[Ring]:
+def _boundaries(
+    shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
+) -> list[tuple[SurfaceRing, ...] | Failed]:
+    """The boundary of each shape, traced along the surface."""
+    rings = [(k, densified(ring, config.step)) for k, shape in enumerate(shapes) for ring in rings_of(shape)]
+    if not rings:
+        return []
+    hits = view.cast(np.concatenate([ring for _, ring in rings]))
+    bounds = np.cumsum([0, *(len(ring) for _, ring in rings)])
+    met = [int(hits.found[a:b].sum()) for a, b in pairwise(bounds)]
+    kept = Hits(hits.face[hits.found], hits.point[hits.found], hits.weights[hits.found])
+    traced: list[list[SurfaceRing]] = [[] for _ in shapes]
+    torn = set()
+    for (k, samples), ring, count in zip(rings, _traced(view, kept, met, config), met, strict=True):
+        traced[k].append(ring)
+        if count < max(3, (1 - config.max_missed) * len(samples)):
+            torn.add(k)
+    return [
+        Failed("the surface has holes under its boundary") if k in torn else tuple(found)
+        for k, found in enumerate(traced)
+    ]
+
+
+def _traced(view: SurfaceView, hits: Hits, counts: Sequence[int], config: CloudConfig) -> list[SurfaceRing]:
     """Closed boundaries through the hits of rings of `counts` samples, along the surface."""
-    weights = np.clip(hits.weights, INSIDE, None)
+    surface = view.surface
+    weights = np.clip(hits.weights, MIN_WEIGHT, None)
     weights /= weights.sum(1, keepdims=True)
     anchors = np.einsum("nk,nki->ni", weights, surface.corners[hits.face])
     start = np.cumsum([0, *counts])
     following = np.arange(len(anchors)) + 1
     last = start[1:] - 1
     following[last[last >= start[:-1]]] = start[:-1][last >= start[:-1]]
-    center = np.broadcast_to(view.center - surface.origin, anchors.shape)
-    walks = walk(surface, (hits.face, anchors), (hits.face[following], anchors[following]), center)
-    crossed = np.diff(walks.start)
-    at = np.arange(len(anchors)) + np.cumsum(crossed) - crossed  # each anchor, and after it the crossings of its walk
-    is_anchor = np.zeros(len(anchors) + len(walks.points), bool)
+    centers = np.broadcast_to(view.center, anchors.shape)
+    target = hits.face[following], anchors[following]
+    paths = trace_paths(surface, (hits.face, anchors), target, centers, config)
+    crossed = np.diff(paths.start)
+    at = np.arange(len(anchors)) + np.cumsum(crossed) - crossed  # each anchor, and after it the crossings of its path
+    is_anchor = np.zeros(len(anchors) + len(paths.points), bool)
     is_anchor[at] = True
     points, faces = np.empty((len(is_anchor), 3)), np.empty(len(is_anchor), np.int64)
-    points[is_anchor], points[~is_anchor] = anchors, walks.points
-    faces[is_anchor], faces[~is_anchor] = np.where(walks.arrived, hits.face, -1), walks.faces
+    points[is_anchor], points[~is_anchor] = anchors, paths.points
+    faces[is_anchor], faces[~is_anchor] = np.where(paths.arrived, hits.face, -1), paths.faces
     first = np.append(at, len(points))[start]
-    return [Ring(points[a:b], faces[a:b]) for a, b in pairwise(first)]
+    return [SurfaceRing(points[a:b], faces[a:b]) for a, b in pairwise(first)]

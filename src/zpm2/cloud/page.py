@@ -1,4 +1,4 @@
-"""The polygon cloud as one HTML file that needs nothing else: turn it, point at a polygon, read what is said of it."""
+"""The polygon cloud as one HTML file that needs nothing else: turn it, point at a polygon, read its attributes."""
 
 import base64
 import json
@@ -7,25 +7,26 @@ from typing import Any
 
 import numpy as np
 
+from zpm2.cloud.display_mesh import NO_PATCH, DisplayMesh, display_mesh
 from zpm2.cloud.export import attributes
 from zpm2.cloud.result import PolygonCloud
-from zpm2.cloud.scene import SURFACE, Scene, scene
 
-TRIANGLES = 300_000  # of the surface and of all patches, at most about; a page stays below 30 MB
-OPENING = 0.7  # radians, field of view from top to bottom
+MAX_TRIANGLES = 300_000  # of the surface and of all patches, about; a page stays below 30 MB
+FIELD_OF_VIEW = 0.7  # radians, from top to bottom
+HALF_HEIGHT = 0.45  # of the extent, that the page shows when it opens
 
 
 def page(cloud: PolygonCloud) -> str:
     """The HTML of a cloud."""
-    shown = scene(cloud, TRIANGLES)
+    shown = display_mesh(cloud, MAX_TRIANGLES)
     side = np.cross(shown.up, shown.towards)
     side /= max(float(np.linalg.norm(side)), 1e-12)
     towards = np.cross(side, shown.up)
     data = {
         "about": f"{len(cloud.patches)} polygons from {cloud.matches} matches in {len(cloud.views)} views, "
         f"{100 * cloud.coverage:.0f} % of the surface that they see",
-        "distance": 0.45 / np.tan(OPENING / 2),
-        "opening": OPENING,
+        "distance": HALF_HEIGHT / np.tan(FIELD_OF_VIEW / 2),
+        "opening": FIELD_OF_VIEW,
         "frame": [side.tolist(), shown.up.tolist(), towards.tolist()],
         "views": [view.name for view in cloud.views],
         "polygons": [
@@ -33,20 +34,20 @@ def page(cloud: PolygonCloud) -> str:
             for polygon, rgb in zip(cloud.patches, cloud.colors, strict=True)
         ],
         "parts": [
-            _part("surface", shown, shown.ids == SURFACE),
-            _part("patches", shown, (shown.ids != SURFACE) & ~shown.tube),
+            _part("surface", shown, shown.ids == NO_PATCH),
+            _part("patches", shown, (shown.ids != NO_PATCH) & ~shown.tube),
             _part("tubes", shown, shown.tube),
         ],
     }
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text ends the script, or begins another
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # so that no text in it can end the script
     template = resources.files("zpm2.cloud").joinpath("page.html").read_text(encoding="utf-8")
     return template.replace("/*DATA*/", text)
 
 
-def _part(name: str, shown: Scene, rows: Any) -> dict[str, str]:
-    """Triangles of a scene in units of its extent around its centre, each vertex with its colour and its polygon."""
+def _part(name: str, shown: DisplayMesh, rows: Any) -> dict[str, str]:
+    """Triangles around the centre of all that is shown, in units of its extent; vertices with colour and polygon."""
     used, inverse = np.unique(shown.faces[rows], return_inverse=True)
-    ids, paint = np.full(len(used), float(SURFACE), np.float32), np.zeros((len(used), 3), np.uint8)
+    ids, paint = np.full(len(used), float(NO_PATCH), np.float32), np.zeros((len(used), 3), np.uint8)
     corner = inverse.ravel()
     ids[corner] = np.repeat(shown.ids[rows], 3)
     paint[corner] = np.repeat(shown.colors[rows], 3, axis=0)

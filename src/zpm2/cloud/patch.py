@@ -12,20 +12,20 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
-from zpm2.cloud.surface import Surface, crosses, paired_edges
+from zpm2.cloud.surface import SurfaceMesh, crosses, paired_edges
 from zpm2.errors import Failed
 from zpm2.model import Camera, PosedCamera
 from zpm2.polygons.repair import mended
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-SAME = 1e-6  # px: corners of cut triangles that are nearer to a known point are that point
-FEW = 40  # corners of a polygon, or triangles, that are not worth halving
-THIN = 1e-10  # px^2: triangles that the camera sees from the side cannot be cut in the image
+SAME_CORNER = 1e-6  # px: corners of cut triangles that are nearer to a known point are that point
+WORTH_HALVING = 40  # corners of a polygon, and triangles, above which it is faster to halve it first
+EDGE_ON = 1e-10  # px^2, twice an area: smaller triangles, seen from the side, cannot be cut in the image
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class SurfacePatch:
     """A piece of a surface: n vertices, m triangles, all of them turned towards the camera that saw it."""
 
     vertices: Array  # (n, 3) in the surface's coordinates
@@ -108,20 +108,20 @@ class Patch:
 class Cutter:
     """Cuts lifted polygons of one view out of a surface."""
 
-    def __init__(self, surface: Surface, view: PosedCamera) -> None:
-        self.surface, self.view = surface, view
-        camera = view.camera  # without distortion, so that edges of triangles are straight
-        self._pinhole = PosedCamera(Camera(camera.matrix, camera.size), view.rotation, view.translation)
+    def __init__(self, surface: SurfaceMesh, camera: PosedCamera) -> None:
+        self.surface, self.camera = surface, camera
+        pinhole = Camera(camera.camera.matrix, camera.camera.size)  # without distortion: edges stay straight
+        self._pinhole = PosedCamera(pinhole, camera.rotation, camera.translation)
         self._pixels = self._pinhole.project(surface.vertices + surface.origin)  # (n, 2), NaN behind the camera
-        self._seen = np.full(len(surface.faces), -1, np.int64)  # the last polygon that came by each triangle
-        self._turn = -1
-        self._center = view.center - surface.origin
+        self._visited = np.full(len(surface.faces), -1, np.int64)  # the last cut that visited each triangle
+        self._cut = -1
+        self._center = camera.center - surface.origin
 
-    def cut(self, lifted: Lifted) -> Patch | Failed:
+    def cut(self, lifted: Lifted) -> SurfacePatch | Failed:
         """The piece of the surface that the boundary encloses.
 
-        Triangles on which the boundary lies are cut along it, as the camera sees them; all others inside are found by
-        going from neighbour to neighbour, so that what only lies behind in the image never comes in. Every point of the
+        Triangles on which the boundary lies are cut along it, as the camera sees them. All others inside are found from
+        neighbour to neighbour, so that what only lies behind them in the image is never included. Every point of the
         boundary is a vertex of the patch. `Failed` where nothing is enclosed.
         """
         surface = self.surface
@@ -151,30 +151,32 @@ class Cutter:
     def _enclosed(self, shape: shapely.Polygon, border: Indices) -> Indices:
         """The triangles inside that the boundary does not touch: from the border on, through edges inside."""
         shapely.prepare(shape)
-        self._turn += 1
-        self._seen[border] = self._turn
+        self._cut += 1
+        self._visited[border] = self._cut
         inside, front = [np.zeros(0, np.int64)], border
         while len(front):
             corners = self._pixels[self.surface.faces[front]]
             middle = (corners + np.roll(corners, -1, axis=1)) / 2
             across = self.surface.neighbors[front]
-            goes = (across >= 0) & (self._seen[across] != self._turn)
+            goes = (across >= 0) & (self._visited[across] != self._cut)
             goes[goes] = shapely.contains_xy(shape, middle[goes])
             front = np.unique(across[goes])
-            self._seen[front] = self._turn
+            self._visited[front] = self._cut
             inside.append(front)
         return np.concatenate(inside)
 
     def _pieces(
         self, shape: shapely.Polygon, border: Indices, known: Array, near: Indices
     ) -> tuple[Indices, Indices, Array]:
-        """The parts inside of the triangles that the boundary touches: (k, 3) corners by the rows of `known` px (of
-        which only those of `near` can be meant) and of the added points after them, (k,) the triangles they are part
-        of, and (a, 3) the added points."""
+        """The parts inside of the triangles that the boundary touches.
+
+        (k, 3) corners: rows of the `known` px (only those of `near` can occur), then of the added points; (k,) the
+        triangles that they are parts of; (a, 3) the added points.
+        """
         surface = self.surface
         seen = self._pixels[surface.faces[border]]
         across = np.diff(seen, axis=1)
-        big = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0]) > THIN
+        big = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0]) > EDGE_ON
         border, seen = border[big], seen[big]
         if len(border) == 0:
             return np.zeros((0, 3), np.int64), border, np.zeros((0, 3))
@@ -182,7 +184,7 @@ class Cutter:
         parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(inside), return_index=True)
         corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
         source = border[of]
-        distance, at = cKDTree(known[near]).query(corners, distance_upper_bound=SAME)
+        distance, at = cKDTree(known[near]).query(corners, distance_upper_bound=SAME_CORNER)
         new = ~np.isfinite(distance)
         row = np.where(new, 0, near[np.minimum(at, len(near) - 1)])
         row[new] = len(known) + np.arange(int(new.sum()))
@@ -202,8 +204,8 @@ class Cutter:
 def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
     """(k,) what of each of (k, 3, 2) triangles lies in a polygon.
 
-    A boundary has thousands of corners and each triangle meets a few of them, so the polygon is halved, again and
-    again, and each triangle is cut with the smallest piece that holds all of it.
+    A boundary has thousands of corners of which each triangle meets a few. So the polygon is halved again and again,
+    and each triangle is cut with the smallest piece that holds all of it.
     """
     shapes, low, high = shapely.polygons(triangles), triangles.min(1), triangles.max(1)
     result = np.empty(len(triangles), object)
@@ -216,7 +218,12 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
         axis = int(y1 - y0 > x1 - x0)
         middle = float(np.median((low[rows, axis] + high[rows, axis]) / 2)) if len(rows) else 0.0
         first, second = rows[high[rows, axis] < middle], rows[low[rows, axis] > middle]
-        if len(rows) <= FEW or shapely.get_num_coordinates(piece) <= FEW or not len(first) or not len(second):
+        if (
+            len(rows) <= WORTH_HALVING
+            or shapely.get_num_coordinates(piece) <= WORTH_HALVING
+            or not len(first)
+            or not len(second)
+        ):
             result[rows] = shapely.intersection(shapes[rows], piece)
             return
         across = np.setdiff1d(rows, np.r_[first, second])
@@ -232,16 +239,16 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
     return result
 
 
-def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> Patch:
+def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> SurfacePatch:
     """A patch of these triangles, each turned so that it faces the camera's `center`."""
     corners = vertices[faces]
     facing = np.einsum("ni,ni->n", crosses(corners), center - corners[:, 0])
     away = facing < 0
     faces = np.where(away[:, None], faces[:, ::-1], faces)
-    return Patch(vertices, faces, source)
+    return SurfacePatch(vertices, faces, source)
 
 
-def shares(patches: Sequence[Patch], surface: Surface) -> Any:
+def covered_shares(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> Any:
     """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
     rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
     source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])

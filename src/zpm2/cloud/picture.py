@@ -4,32 +4,33 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.cloud.display_mesh import NO_PATCH, DisplayMesh
 from zpm2.cloud.rays import open_caster
-from zpm2.cloud.scene import SURFACE, Scene
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import SurfaceMesh
 from zpm2.errors import Failed
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 SIZE = 640, 560  # px of one view
-FINER = 2  # rays along each side of a pixel
-ANGLES = (-40.0, 0.0, 40.0)  # degrees around the up axis, from where the photographs were taken
-ABOVE = 15.0  # degrees
-OPENING = 40.0  # degrees of the field of view
-MARGIN = 1.05
-GAP = 6  # px
+SUPERSAMPLING = 2  # rays along each side of a pixel
+AZIMUTHS = (-40.0, 0.0, 40.0)  # degrees around the up axis, from where the photographs were taken
+ELEVATION = 15.0  # degrees, above the photographs
+FIELD_OF_VIEW = 40.0  # degrees
+MARGIN = 1.05  # of the distance at which everything fits
+GAP = 6  # px, between the views
+AMBIENT = 0.45  # brightness of a surface seen from the side
 
 
-def three_views(scene: Scene) -> Pixels | Failed:
-    """RGB, three views of a scene side by side. `Failed` where rays are slow (no Embree)."""
-    mesh = Surface(scene.vertices, scene.faces, np.zeros((0, 3), np.int64), np.zeros(3))
+def three_views(shown_mesh: DisplayMesh) -> Pixels | Failed:
+    """RGB, three views of a cloud side by side. `Failed` where rays are slow (no Embree)."""
+    mesh = SurfaceMesh(shown_mesh.vertices, shown_mesh.faces, np.zeros((0, 3), np.int64), np.zeros(3))
     caster = open_caster(mesh)
     if caster.note:
         return Failed(caster.note)
     panels = []
-    for angle in ANGLES:
-        view = _view(scene, angle)
+    for angle in AZIMUTHS:
+        view = _view(shown_mesh, angle)
         width, height = view.camera.size
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         directions = view.directions(np.c_[x.ravel(), y.ravel()])
@@ -37,35 +38,35 @@ def three_views(scene: Scene) -> Pixels | Failed:
         face, found = hits.face[hits.found], hits.found
         sight = directions[found] / np.linalg.norm(directions[found], axis=1, keepdims=True)
         light = np.abs(np.einsum("ni,ni->n", mesh.normals[face], sight))
-        light = np.where(scene.tube[face], 1.0, 0.45 + 0.55 * light)
+        light = np.where(shown_mesh.tube[face], 1.0, AMBIENT + (1 - AMBIENT) * light)
         pixels = np.full((width * height, 3), 255.0)
-        pixels[found] = scene.colors[face] * light[:, None]
+        pixels[found] = shown_mesh.colors[face] * light[:, None]
         small: Pixels = cv2.resize(pixels.reshape(height, width, 3), SIZE, interpolation=cv2.INTER_AREA)
         panels += [np.rint(small).astype(np.uint8), np.full((SIZE[1], GAP, 3), 255, np.uint8)]
     return np.concatenate(panels[:-1], axis=1)
 
 
-def _view(scene: Scene, angle: float) -> PosedCamera:
+def _view(shown_mesh: DisplayMesh, angle: float) -> PosedCamera:
     """A camera that sees all patches, turned by `angle` around the up axis and a little higher than the views."""
-    side = np.cross(scene.up, scene.towards)
+    side = np.cross(shown_mesh.up, shown_mesh.towards)
     side /= max(float(np.linalg.norm(side)), 1e-12)
-    direction = _turned(_turned(scene.towards, side, -ABOVE), scene.up, angle)
+    direction = _turned(_turned(shown_mesh.towards, side, -ELEVATION), shown_mesh.up, angle)
     back = -direction
-    right = np.cross(back, scene.up)
+    right = np.cross(back, shown_mesh.up)
     right /= max(float(np.linalg.norm(right)), 1e-12)
     rotation = np.stack([right, np.cross(back, right), back])
-    width, height = SIZE[0] * FINER, SIZE[1] * FINER
-    focal = 0.5 * height / np.tan(np.radians(OPENING / 2))
-    patches = scene.vertices[np.unique(scene.faces[scene.ids != SURFACE])]
-    shown = patches[((patches >= scene.box[0]) & (patches <= scene.box[1])).all(1)]
-    shown = shown if len(shown) else scene.vertices
-    x, y, z = rotation @ (shown - scene.center).T
+    width, height = SIZE[0] * SUPERSAMPLING, SIZE[1] * SUPERSAMPLING
+    focal = 0.5 * height / np.tan(np.radians(FIELD_OF_VIEW / 2))
+    patches = shown_mesh.vertices[np.unique(shown_mesh.faces[shown_mesh.ids != NO_PATCH])]
+    shown = patches[((patches >= shown_mesh.box[0]) & (patches <= shown_mesh.box[1])).all(1)]
+    shown = shown if len(shown) else shown_mesh.vertices
+    x, y, z = rotation @ (shown - shown_mesh.center).T
     # the middle of what is seen, and as near as everything fits
     x0, y0 = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2
     reach = np.maximum(np.abs(x - x0) * 2 * focal / width, np.abs(y - y0) * 2 * focal / height)
     distance = float((MARGIN * reach - z).max())
     camera = Camera(np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]), (width, height))
-    center = scene.center + rotation.T @ np.array([x0, y0, -distance])
+    center = shown_mesh.center + rotation.T @ np.array([x0, y0, -distance])
     return PosedCamera(camera, rotation, -rotation @ center)
 
 

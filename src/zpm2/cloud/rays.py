@@ -1,4 +1,4 @@
-"""Where rays first meet a surface (paper 3.5.2, Eq. raydir): Embree where it is installed, else every triangle."""
+"""Where rays first meet a surface (paper 3.5.2, Eq. raydir): by Embree, else by testing every triangle."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -7,10 +7,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import SurfaceMesh
 
 Array = NDArray[np.float64]
-BLOCK = 2_000_000  # pairs of ray and triangle that are looked at together
+PAIRS_AT_ONCE = 2_000_000  # of ray and triangle, which bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +25,9 @@ class Hits:
     def found(self) -> NDArray[np.bool_]:
         """(n,) which rays meet the surface."""
         return np.asarray(self.face >= 0)
+
+    def __getitem__(self, rows: slice) -> "Hits":
+        return Hits(self.face[rows], self.point[rows], self.weights[rows])
 
 
 class RayCaster(Protocol):
@@ -42,7 +45,7 @@ class Embree:
 
     note: str | None = None
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, surface: SurfaceMesh) -> None:
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector
 
@@ -63,12 +66,12 @@ class EveryTriangle:
 
     note: str | None = 'embreex is not installed, rays are cast slowly: pip install "zpm2[cloud]"'
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, surface: SurfaceMesh) -> None:
         self.corners = surface.corners
 
     def first_hits(self, origins: Array, directions: Array) -> Hits:
         face = np.full(len(origins), -1, np.int64)
-        step = max(1, BLOCK // max(len(self.corners), 1))
+        step = max(1, PAIRS_AT_ONCE // max(len(self.corners), 1))
         for start in range(0, len(origins), step):
             rows = slice(start, start + step)
             face[rows] = self._nearest(origins[rows], directions[rows])
@@ -91,21 +94,21 @@ class EveryTriangle:
         return np.where(np.isfinite(distance[np.arange(len(nearest)), nearest]), nearest, -1)
 
 
-def open_caster(surface: Surface) -> RayCaster:
-    """Embree, or the fallback, which says so in its `note`."""
+def open_caster(surface: SurfaceMesh) -> RayCaster:
+    """Embree, or the slow fallback, with a `note` that says so."""
     if find_spec("embreex") and find_spec("trimesh"):
         return Embree(surface)
     return EveryTriangle(surface)
 
 
 def _hits(corners: Array, face: NDArray[np.int64], origins: Array, directions: Array) -> Hits:
-    """The hits on known faces, in double precision. A hit that rounding puts beside its face moves to the face's edge,
-    so that every point lies on the surface."""
+    """The hits on known faces, in double precision. A hit that rounding moves off its face is clipped to the face's
+    edge, so that every point lies on the surface."""
     n = len(face)
     weights, found = np.full((n, 3), np.nan), face >= 0
     a, b, c = np.moveaxis(corners[face[found]], 1, 0)
     o, d = origins[found], directions[found]
-    # volumes of the ray with each edge (Pluecker), which are the barycentric weights but for a factor
+    # volumes of the ray with each edge (Pluecker): the barycentric weights up to a common factor
     volumes = np.stack([np.einsum("ni,ni->n", d, np.cross(p - o, q - o)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     total = volumes.sum(1, keepdims=True)
     share = np.clip(volumes / np.where(total == 0, 1.0, total), 0.0, None)

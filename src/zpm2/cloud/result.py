@@ -1,4 +1,4 @@
-"""The polygon cloud: patches with the identity of their matches, and every match that gave none with its reason."""
+"""The polygon cloud: patches with the matches behind them, and the matches that gave none with the reason."""
 
 import json
 from collections import Counter
@@ -12,10 +12,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.cloud.lift import Ring, outline_in
-from zpm2.cloud.patch import Patch, shares
-from zpm2.cloud.surface import Surface
-from zpm2.cloud.workspace import View
+from zpm2.cloud.lift import SurfaceRing, outline_in
+from zpm2.cloud.patch import SurfacePatch, covered_shares
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.cloud.workspace import PosedPhotograph
 from zpm2.files.places import place
 from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
@@ -25,12 +25,13 @@ from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
-OUTER = 0.04  # of the px of all patches, at each end of each axis
+BOX_OUTLIERS = 0.04  # of the px of all patches, at each end of each axis
+BOX_MARGIN = 0.1  # of its diagonal
 
 
 @dataclass(frozen=True)
-class Support:
-    """A match that stands behind a patch."""
+class SupportingMatch:
+    """A match that supports a patch."""
 
     left_view: int
     right_view: int
@@ -48,17 +49,17 @@ class Support:
 
 @dataclass(frozen=True, eq=False)
 class CloudPatch:
-    """One polygon of the cloud: a closed piece of the surface with the identity of its matches."""
+    """One polygon of the cloud: a closed piece of the surface with the matches behind it."""
 
     id: int
-    patch: Patch  # in the surface's coordinates
-    rings: tuple[Ring, ...]  # its boundary there, exterior first
+    patch: SurfacePatch  # in the surface's coordinates
+    rings: tuple[SurfaceRing, ...]  # its boundary there, exterior first
     view: int  # index of the view whose polygon it is
     polygon: Polygon  # in that view's image
     scale: float  # s of the diffusion, 1: the whole polygon
-    bridged: int  # segments of the boundary that are straight, as no walk led along the surface
+    bridged: int  # segments of the boundary that are straight, where no path led along the surface
     views: tuple[int, ...]  # indices of all views that see it
-    supports: tuple[Support, ...]  # its matches, the surest first
+    supports: tuple[SupportingMatch, ...]  # its matches, the most confident first
     filled: float  # 0..1, share of its area that fills holes of the mesh
     parent: int | None = None  # id of the smallest patch that it is a part of
     level: int = 0  # number of patches around it
@@ -72,7 +73,7 @@ class CloudPatch:
 
     @property
     def confidence(self) -> float:
-        """0..1, of its surest match."""
+        """0..1, of its most confident match."""
         return self.supports[0].confidence
 
     @property
@@ -80,7 +81,7 @@ class CloudPatch:
         """Of all its boundaries, units of the mesh."""
         return sum(ring.length for ring in self.rings)
 
-    def outline(self, camera: PosedCamera, surface: Surface) -> shapely.Geometry:
+    def outline(self, camera: PosedCamera, surface: SurfaceMesh) -> shapely.Geometry:
         """Its boundary as a camera sees it, px; empty where a part is behind the camera."""
         return outline_in(self.rings, camera, surface)
 
@@ -105,8 +106,8 @@ class Rejected:
 class PolygonCloud:
     """The polygons on their surface."""
 
-    views: Sequence[View]
-    surface: Surface
+    views: Sequence[PosedPhotograph]
+    surface: SurfaceMesh
     patches: Sequence[CloudPatch]
     rejected: Sequence[Rejected]
     matches: int  # of all pairs, before anything was rejected
@@ -114,22 +115,22 @@ class PolygonCloud:
     config: Mapping[str, Any] = field(repr=False)
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
-    notes: Sequence[str] = ()  # what was done on the way
+    notes: Sequence[str] = ()  # what was done automatically
     version: str = field(default_factory=package_version, repr=False)
 
     __repr__ = brief
 
     @property
     def accepted(self) -> int:
-        """Matches that stand behind a patch."""
+        """Matches that support a patch."""
         return sum(len(patch.supports) for patch in self.patches)
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
         """(3,) each: the box around most of what the photographs show on patches, in the surface's coordinates.
 
-        Every patch counts by its px, and of each axis the outermost parts do not count: far things behind a scene
-        are small in its photographs. The mesh's box where there are no patches.
+        Every patch counts by its px, and the outermost ones along each axis do not: far things behind a scene are
+        small in its photographs. The mesh's box where there are no patches.
         """
         if not self.patches:
             return self.surface.vertices.min(0), self.surface.vertices.max(0)
@@ -139,18 +140,18 @@ class PolygonCloud:
         for k in range(3):
             order = np.argsort(middles[:, k], kind="stable")
             share = np.cumsum(weights[order]) / weights.sum()
-            low[k], high[k] = middles[order, k][np.searchsorted(share, [OUTER, 1 - OUTER])]
-        margin = 0.1 * np.linalg.norm(high - low)
+            low[k], high[k] = middles[order, k][np.searchsorted(share, [BOX_OUTLIERS, 1 - BOX_OUTLIERS])]
+        margin = BOX_MARGIN * np.linalg.norm(high - low)
         return low - margin, high + margin
 
     @cached_property
-    def shares(self) -> Any:
+    def covered_shares(self) -> Any:
         """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
-        return shares([patch.patch for patch in self.patches], self.surface)
+        return covered_shares([patch.patch for patch in self.patches], self.surface)
 
     @cached_property
     def colors(self) -> NDArray[np.uint8]:
-        """(p, 3) RGB of the patches, unlike those of their neighbours."""
+        """(p, 3) RGB of the patches, each unlike its neighbours'."""
         centers = np.array([patch.patch.centroid for patch in self.patches]).reshape(-1, 3)
         reach = np.array([patch.patch.area**0.5 / 2 for patch in self.patches])
         return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)

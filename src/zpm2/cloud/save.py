@@ -5,10 +5,10 @@ from pathlib import Path
 import cv2
 
 from zpm2.cloud import export
+from zpm2.cloud.display_mesh import display_mesh
 from zpm2.cloud.page import page
 from zpm2.cloud.picture import three_views
 from zpm2.cloud.result import PolygonCloud
-from zpm2.cloud.scene import scene
 from zpm2.errors import Failed
 from zpm2.files.writing import atomic_write, claim
 
@@ -16,15 +16,15 @@ NAMES = (
     *("patches.ply", "cloud.glb", "boundaries.geojson", "boundaries.wkt", "points.ply", "points.las"),
     *("cloud.png", "cloud.html", "cloud.json"),
 )
-POINTS = 200_000  # on all patches, about, where no spacing is given
+SAMPLED_POINTS = 200_000  # on all patches, about, where no spacing is given
 
 
 def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, las: bool = False) -> list[str]:
     """Write cloud.json, patches.ply, cloud.glb, boundaries.geojson, boundaries.wkt, points.ply (and points.las),
     cloud.png and cloud.html, each whole or not at all, cloud.json last. Returns what could not be made, and why.
 
-    Files of an earlier cloud are replaced; `OutputError` where others have these names. A cloud without polygons is a
-    cloud.json alone. spacing: of the points, units of the mesh; None for 200,000 in all.
+    Files of an earlier cloud are replaced; `OutputError` where other files have these names. Of a cloud without
+    polygons only cloud.json is written. spacing: of the points, units of the mesh; None for 200,000 in all.
     """
     if las:
         export.require_laspy()
@@ -37,9 +37,9 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     export.write_glb(cloud, out / "cloud.glb")
     export.write_boundaries(cloud, out)
     area = sum(patch.patch.area for patch in cloud.patches)
-    between = spacing or max((area / POINTS) ** 0.5, 1e-12)
+    between = spacing or max((area / SAMPLED_POINTS) ** 0.5, 1e-12)
     export.write_points(cloud, between, out / "points.ply", *([out / "points.las"] if las else []))
-    picture = three_views(scene(cloud))
+    picture = three_views(display_mesh(cloud))
     if isinstance(picture, Failed):
         missing.append(f"no cloud.png: {picture}")
     else:

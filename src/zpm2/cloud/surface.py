@@ -1,4 +1,4 @@
-"""A triangle mesh as the rays and the walks want it: clean, with neighbours, near the origin."""
+"""A triangle mesh, cleaned for casting rays and tracing paths: with neighbours, and near the origin."""
 
 import os
 from dataclasses import dataclass, replace
@@ -18,18 +18,18 @@ from zpm2.model.messages import Note
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FORMATS = (".ply", ".obj", ".stl", ".glb", ".off")
-FARTHEST = 1e60  # in the unit of the mesh, of a coordinate: areas beyond cannot be computed
-FLAT = 1e-12  # of the squared extent: triangles of less area are degenerate
+LARGEST_COORDINATE = 1e60  # units of the mesh: areas beyond cannot be computed
+DEGENERATE_AREA = 1e-12  # of the squared extent: triangles of less area are left out
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class SurfaceMesh:
     """n vertices, m triangles. Coordinates are relative to `origin`, so that large ones (UTM) lose nothing."""
 
     vertices: Array  # (n, 3)
     faces: Indices  # (m, 3)
     neighbors: Indices  # (m, 3) the face across the edge from corner k to corner k + 1; -1 at a border
-    origin: Array  # (3,) what was taken off the coordinates of the file
+    origin: Array  # (3,) subtracted from the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
     filled: int = 0  # how many of the triangles, the last ones, fill holes (`holes.fill_holes`)
 
@@ -57,12 +57,12 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     @staticmethod
-    def of(vertices: Any, faces: Any, name: str = "mesh") -> "Surface":
-        """A mesh made usable: vertices at one place are one, triangles without area, with vertices that are not finite
-        and those that are said twice go, each with a note. The origin is the middle of its box.
+    def of(vertices: Any, faces: Any, name: str = "mesh") -> "SurfaceMesh":
+        """A mesh made usable. Vertices at one place are merged. Triangles without area, with vertices that are not
+        finite, and repeated ones are left out, each kind with a note. The origin is the middle of its box.
 
-        Edges of more than two triangles are borders to all of these, with a note. `InputError` for what is no mesh, and
-        where nothing is left.
+        Edges of more than two triangles are borders of all of these, with a note. `InputError` for arrays that are no
+        mesh, and where nothing is left.
         """
         points, triangles = np.asarray(vertices, np.float64), np.asarray(faces)
         if points.ndim != 2 or points.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
@@ -75,34 +75,36 @@ class Surface:
         if triangles.min() < 0 or triangles.max() >= len(points):
             raise InputError(f"{name} has triangles of vertices that it does not have: export it again")
         notes = []
-        finite = np.asarray((np.abs(points) <= FARTHEST).all(1))  # False for NaN, too
+        finite = np.asarray((np.abs(points) <= LARGEST_COORDINATE).all(1))  # False for NaN, too
         usable = finite[triangles].all(1)
-        notes += _said(int((~usable).sum()), "triangles have a vertex that is not finite or too far, and were left out")
+        unusable = int((~usable).sum())
+        notes += _counted(unusable, "triangles have a vertex that is not finite or too far, and were left out")
+
         triangles = triangles[usable]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with finite vertices: export it again")
         points, triangles = _compact(points, triangles)
         origin = (points.min(0) + points.max(0)) / 2
         points = points - origin
-        flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= FLAT * float(
+        flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= DEGENERATE_AREA * float(
             np.ptp(points, axis=0) @ np.ptp(points, axis=0)
         )
-        notes += map(Note, _said(int(flat.sum()), "triangles have no area, and were left out"))
+        notes += map(Note, _counted(int(flat.sum()), "triangles have no area, and were left out"))
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-        notes += map(Note, _said(len(triangles) - len(first), "triangles are there twice, and were left out"))
+        notes += map(Note, _counted(len(triangles) - len(first), "triangles are repeated, and were left out"))
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")
-        neighbors, crowded, turned = neighbors_of(triangles)
+        neighbors, crowded, flipped = neighbors_of(triangles)
         if crowded:
-            notes.append(f"{crowded} edges belong to more than two triangles (not manifold): walks end there")
-        if turned:
-            notes.append(f"{turned} edges join triangles of opposite orientation: normals are not consistent")
-        return Surface(points, triangles, neighbors, origin, tuple(notes))
+            notes.append(f"{crowded} edges belong to more than two triangles (not manifold): paths end there")
+        if flipped:
+            notes.append(f"{flipped} edges join triangles of opposite orientation: normals are not consistent")
+        return SurfaceMesh(points, triangles, neighbors, origin, tuple(notes))
 
     @staticmethod
-    def read(path: str | Path) -> "Surface":
+    def read(path: str | Path) -> "SurfaceMesh":
         """A mesh from a PLY, OBJ, OFF, STL or GLB file (the last two: package trimesh, the extra `cloud`).
 
         Faces of more than three corners are cut into triangles (`facets.triangulate`). `InputError` for what cannot be
@@ -132,7 +134,7 @@ class Surface:
                 f"mesh {path} {what}: a surface is needed; make one of the points (Poisson meshing, for example), or "
                 "of the photographs with zpm2 reconstruct"
             )
-        surface = Surface.of(vertices, faces, f"mesh {path}")
+        surface = SurfaceMesh.of(vertices, faces, f"mesh {path}")
         return replace(surface, notes=(*notes, *surface.notes))
 
 
@@ -179,5 +181,6 @@ def neighbors_of(triangles: Indices) -> tuple[Indices, int, int]:
     return neighbors.reshape(-1, 3), crowded, int((forward[one] == forward[other]).sum())
 
 
-def _said(count: int, text: str) -> list[str]:
+def _counted(count: int, text: str) -> list[str]:
+    """The sentence, unless the count is 0."""
     return [f"{count} {text}"] if count else []

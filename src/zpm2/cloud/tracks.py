@@ -1,8 +1,8 @@
-"""Regions followed through many images: matches chained, and every chain brought back to where it began.
+"""Regions followed through many images: matches joined to tracks, and contradictions between them resolved.
 
-Each pair of images has polygons of its own (guided detection asks one image about the other), so those of one image
-that cover the same are first made one region. Matches then join regions, the surest first; one that would join two
-different regions of one image contradicts the surer ones, and is left out.
+Each pair of images has polygons of its own (guided detection adds some to one image for the other), so those of one
+image that cover the same area are first made one region. Matches then join regions, the most confident first. A match
+that would join two different regions of one image contradicts more confident ones, and is left out.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from zpm2.model import Polygon
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """A polygon of a view, as a match knows it."""
+class Observation:
+    """A polygon of a view in one matched pair."""
 
     view: int  # index of the view
     pair: int  # index of the matched pair of images
@@ -24,11 +24,11 @@ class Sighting:
 
 
 @dataclass(frozen=True)
-class Link:
-    """A match of two sightings."""
+class TrackMatch:
+    """A match of two observations."""
 
-    left: Sighting
-    right: Sighting
+    left: Observation
+    right: Observation
     confidence: float  # 0..1
 
 
@@ -36,27 +36,27 @@ class Link:
 class Track:
     """One region in several views."""
 
-    links: tuple[Link, ...]  # all of its matches, the surest first
+    matches: tuple[TrackMatch, ...]  # the most confident first
 
     @property
-    def sightings(self) -> list[Sighting]:
-        """Each polygon of it once, in the order of the links."""
-        found = {(s.view, s.pair, s.polygon.id): s for link in self.links for s in (link.left, link.right)}
+    def observations(self) -> list[Observation]:
+        """Each polygon of it once, in the order of the matches."""
+        found = {(s.view, s.pair, s.polygon.id): s for match in self.matches for s in (match.left, match.right)}
         return list(found.values())
 
     @property
     def views(self) -> list[int]:
         """The views that see it, ascending."""
-        return sorted({sighting.view for sighting in self.sightings})
+        return sorted({observation.view for observation in self.observations})
 
 
-def chain(links: Sequence[Link], same: float) -> tuple[list[Track], int]:
-    """The tracks, longest first, and how many links contradict others (a cycle that does not close).
+def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track], int]:
+    """The tracks, longest first, and how many matches contradict others (a cycle that does not close).
 
     same: IoU from which on two polygons of one image are one region.
     """
-    order = sorted(range(len(links)), key=lambda k: -links[k].confidence)
-    region = _regions([links[k] for k in order], same)
+    order = sorted(range(len(matches)), key=lambda k: -matches[k].confidence)
+    region = _regions([matches[k] for k in order], same)
     root: dict[tuple[int, int], tuple[int, int]] = {}
     members: dict[tuple[int, int], dict[int, int]] = {}  # root -> view -> region
 
@@ -72,7 +72,7 @@ def chain(links: Sequence[Link], same: float) -> tuple[list[Track], int]:
     used: list[tuple[int, tuple[int, int]]] = []
     contradicted = 0
     for k in order:
-        ends = [(s.view, region[s.view, s.pair, s.polygon.id]) for s in (links[k].left, links[k].right)]
+        ends = [(s.view, region[s.view, s.pair, s.polygon.id]) for s in (matches[k].left, matches[k].right)]
         a, b = find(ends[0]), find(ends[1])
         if a != b:
             shared = members[a].keys() & members[b].keys()
@@ -82,27 +82,27 @@ def chain(links: Sequence[Link], same: float) -> tuple[list[Track], int]:
             root[b] = a
             members[a] |= members.pop(b)
         used.append((k, ends[0]))
-    groups: dict[tuple[int, int], list[Link]] = {}
+    groups: dict[tuple[int, int], list[TrackMatch]] = {}
     for k, node in used:
-        groups.setdefault(find(node), []).append(links[k])
+        groups.setdefault(find(node), []).append(matches[k])
     tracks = [Track(tuple(group)) for group in groups.values()]
     return sorted(tracks, key=lambda t: -len(t.views)), contradicted
 
 
-def _regions(links: Sequence[Link], same: float) -> dict[tuple[int, int, int], int]:
-    """The region of each sighting, by view, pair and polygon's id: an index among those of its view.
+def _regions(matches: Sequence[TrackMatch], same: float) -> dict[tuple[int, int, int], int]:
+    """The region of each observation, by view, pair and polygon's id: an index among those of its view.
 
-    The polygons of one pair are different regions. Each polygon, those of the surest matches first, joins the region
-    that it covers best, if it covers `same` of it or more and none of its own pair is in it yet.
+    The polygons of one pair are different regions. Each polygon, those of the most confident matches first, joins the
+    region that it overlaps most, if by an IoU of `same` or more and if no polygon of its own pair is in it yet.
     """
-    by_view: dict[int, dict[tuple[int, int], Sighting]] = {}
-    for link in links:
-        for sighting in (link.left, link.right):
-            by_view.setdefault(sighting.view, {})[sighting.pair, sighting.polygon.id] = sighting
+    by_view: dict[int, dict[tuple[int, int], Observation]] = {}
+    for match in matches:
+        for seen in (match.left, match.right):
+            by_view.setdefault(seen.view, {})[seen.pair, seen.polygon.id] = seen
     result: dict[tuple[int, int, int], int] = {}
-    for view, sightings in by_view.items():
-        keys = list(sightings)
-        shapes = np.array([sightings[key].polygon.shape for key in keys], object)
+    for view, observations in by_view.items():
+        keys = list(observations)
+        shapes = np.array([observations[key].polygon.shape for key in keys], object)
         area = shapely.area(shapes)
         first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
         first, second = first[first != second], second[first != second]

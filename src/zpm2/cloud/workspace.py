@@ -31,8 +31,8 @@ MESHES = ("mesh.ply", "meshed-poisson.ply", "meshed-delaunay.ply")
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """A photograph whose camera is known."""
+class PosedPhotograph:
+    """A photograph with its camera."""
 
     name: str  # unique in its workspace
     path: Path
@@ -41,13 +41,13 @@ class View:
 
 def read_views(
     folder: Path, images: Path | None = None, cameras: Path | None = None, notes: list[str] | None = None
-) -> list[View]:
+) -> list[PosedPhotograph]:
     """The photographs of a workspace with their cameras, in natural order.
 
     images, cameras: where they are, if not in the places above (cameras: a COLMAP model, an .npz, a folder of _cam.txt
-    or .camera files). `notes` gets a sentence on photographs that are left out, as their camera is of a foreign model
-    (without `notes` that is an error), and on cameras that hardly fit. `InputError` says what was looked for, or which
-    photograph has a camera that cannot be its own.
+    or .camera files). `notes` gets a sentence on photographs that are left out because their camera model is not
+    supported (without `notes` that is an error), and on doubtful cameras. `InputError` names what was searched for, or
+    the photograph whose camera cannot be its own.
     """
     if not os.path.isdir(folder):
         raise InputError(f"workspace {folder} is no folder: give one with photographs, cameras and a mesh")
@@ -63,19 +63,19 @@ def read_views(
             )
         checked(view.camera.camera, f"the camera of {view.name}", str(view.path))
     if notes is not None:
-        notes += _odd(views)
+        notes += _doubts(views)
     return views
 
 
-def _odd(views: list[View]) -> list[str]:
-    """What is odd about the cameras: of the first that is, and how many more are."""
-    said = [found for view in views if (found := doubts(view.camera.camera, f"the camera of {view.name}"))]
-    more = f" (and {len(said) - 1} more cameras)" if len(said) > 1 else ""
-    return [text + more for text in said[0]] if said else []
+def _doubts(views: list[PosedPhotograph]) -> list[str]:
+    """The doubts about the first doubtful camera, and how many more there are."""
+    doubtful = [found for view in views if (found := doubts(view.camera.camera, f"the camera of {view.name}"))]
+    more = f" (and {len(doubtful) - 1} more cameras)" if len(doubtful) > 1 else ""
+    return [text + more for text in doubtful[0]] if doubtful else []
 
 
 def find_mesh(folder: Path) -> Path:
-    """The mesh of a workspace: a known name, else the only mesh file. `InputError` where there is none, or a choice."""
+    """The mesh of a workspace: a known name, else the only mesh file. `InputError` where there are none or several."""
     places = [folder, folder / "dense", folder / "dense" / "0"]
     for place in places:
         for name in MESHES:
@@ -89,7 +89,7 @@ def find_mesh(folder: Path) -> Path:
     raise InputError(f"looked for {', '.join(MESHES)} or another mesh in {folder}, not there: give one with --mesh")
 
 
-def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[View]:
+def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[PosedPhotograph]:
     pictures = images or next((folder / name for name in IMAGES if (folder / name).is_dir()), folder)
     if not os.path.isdir(pictures):
         raise InputError(f"{pictures} is no folder: give the one with the photographs (--images)")
@@ -104,7 +104,7 @@ def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[s
     if any(cameras.glob("*.camera")):
         return _each(some_photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
     posed = colmap.read_poses(cameras, notes)
-    views = [View(name, pictures / name, camera) for name, camera in posed.items()]
+    views = [PosedPhotograph(name, pictures / name, camera) for name, camera in posed.items()]
     missing = [view.path for view in views if not os.path.isfile(view.path)]  # whatever its name
     if missing:
         raise InputError(
@@ -129,7 +129,7 @@ def _find_cameras(folder: Path, pictures: Path) -> Path:
     )
 
 
-def _idr(file: Path, pictures: list[Path]) -> list[View]:
+def _idr(file: Path, pictures: list[Path]) -> list[PosedPhotograph]:
     worlds = files.archive(file)
     count = sum(name.startswith("world_mat_") and name[10:].isdecimal() for name in worlds)
     if len(pictures) != count:
@@ -139,11 +139,11 @@ def _idr(file: Path, pictures: list[Path]) -> list[View]:
 
 def _each(
     pictures: list[Path], file_of: Callable[[Path], Path], read: Callable[[Path], tuple[Array, Array]]
-) -> list[View]:
+) -> list[PosedPhotograph]:
     return [_view(picture, *read(file_of(picture))) for picture in pictures if file_of(picture).is_file()]
 
 
-def _view(picture: Path, matrix: Array, pose: Array) -> View:
-    """A view of a camera file that counts pixel centres from 0."""
+def _view(picture: Path, matrix: Array, pose: Array) -> PosedPhotograph:
+    """A photograph with a camera from a file that counts pixel centres from 0."""
     camera = Camera(files.intrinsics(matrix), image_size(picture))
-    return View(picture.name, picture, PosedCamera(camera, pose[:3, :3], pose[:3, 3]))
+    return PosedPhotograph(picture.name, picture, PosedCamera(camera, pose[:3, :3], pose[:3, 3]))

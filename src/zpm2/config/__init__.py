@@ -10,9 +10,11 @@ from zpm2.config.load import OPTIONS, assign, load, with_options
 from zpm2.config.local_match import GuidedConfig, LocalConfig
 from zpm2.config.photos import BlocksConfig, CellsConfig, PartnerConfig, RasterConfig, StitchConfig, TilesConfig
 from zpm2.config.points import PointsConfig, RotatedRetryConfig
-from zpm2.config.pose import PoseConfig
+from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, preset
+from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.segment import SegmentConfig, VectorizeConfig
+from zpm2.config.stereo import StereoConfig
 from zpm2.config.whole import Config, choices, describe
 
 __all__ = [
@@ -22,6 +24,8 @@ __all__ = [
     "CellsConfig",
     "CloudConfig",
     "Config",
+    "DegeneracyConfig",
+    "FocalConfig",
     "GlobalConfig",
     "GuidedConfig",
     "LocalConfig",
@@ -29,8 +33,10 @@ __all__ = [
     "PointsConfig",
     "PoseConfig",
     "RasterConfig",
+    "ReconstructConfig",
     "RotatedRetryConfig",
     "SegmentConfig",
+    "StereoConfig",
     "StitchConfig",
     "TilesConfig",
     "VectorizeConfig",

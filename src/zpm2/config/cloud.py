@@ -12,6 +12,11 @@ class CloudConfig:
 
     diffusion: Literal["scale", "surface"] = option("scale", "one scale for all of it, or its part on one surface")
     step: float = number(2.0, "delta: samples of a boundary are no farther apart", unit="px", above=True)
+    max_samples: int = number(
+        10_000,
+        "of a polygon's area and boundary where it is tried, about; larger polygons are sampled farther apart",
+        low=1,
+    )
     min_scale: float = share(
         0.4, "s_min: a polygon that must shrink further, to less than its square of area, is rejected", above=True
     )
@@ -25,8 +30,35 @@ class CloudConfig:
     max_size: float = number(
         20.0, "times the size that it would have facing the camera; roads are seen at a small angle"
     )
+    cut_width: float = number(
+        1.0, "diffusion=surface: bays and capes of the cut that are narrower go", unit="steps", above=True
+    )
+    cut_radius: float = number(
+        1.5, "diffusion=surface: of the discs taken away where a boundary runs across an edge", unit="steps"
+    )
+    cut_rounds: int = number(4, "diffusion=surface: such discs are taken away, at most", unit="times", high=1000)
+    min_part_hole: float = share(0.02, "diffusion=surface: of the area; smaller holes of the part are closed")
+    max_missed: float = share(0.05, "samples of a boundary that may fall through the surface")
+    max_path: float = number(
+        4.0, "times the straight distance: a longer path between samples went around something", low=1.0
+    )
+    max_crossings: int = number(20_000, "edges of the mesh that a path between samples may cross", low=1)
     min_overlap: float = share(0.5, "IoU of a lifted polygon, seen from the other camera, with its partner there")
     max_distance: float = number(0.25, "distance between the boundaries that both views lift", unit="sqrt(area)")
     fill: float = number(0.02, "of the mesh's extent: holes up to this wide are filled")
+    max_hole_bend: float = number(0.15, "distance of a rim from its plane, times its width, beyond which it stays open")
+    max_hole_edges: int = number(1000, "of a rim; one with more stays open", low=3)
+    max_hole_support: int = number(400, "points of the rim and next to it that shape a filling, about", low=3)
     neighbors: int = number(2, "views that each view is matched with", low=1, high=10_000)
+    neighbor_rays: int = number(1500, "of each view, to see what it shares with others", low=1)
+    max_neighbor_angle: float = number(
+        60.0, "between lines of sight, from which on regions do not look alike", unit="degrees", above=True, high=180.0
+    )
+    visible: float = share(1e-3, "of its distance: a point is seen that a ray meets this near")
     same: float = share(0.75, "IoU from which on two regions of an image, or two patches, are one")
+    nested: float = share(0.9, "of a patch's area that lies in a larger one, from which on it is a part of it")
+    coverage_rays: int = number(20_000, "of each view, to measure what the patches cover", low=1)
+    tear: float = number(
+        1.0, "disparity between neighbouring pixels, beyond which the surface of a stereo pair is torn", unit="px"
+    )
+    max_faces: int = number(4_000_000, "of the surface of a stereo pair; larger maps are thinned", low=2)

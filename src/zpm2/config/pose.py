@@ -1,9 +1,37 @@
 """Relative pose from matched polygons (paper 3.5.1)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from zpm2.config.fields import number, option
+from zpm2.config.fields import number, option, share
+
+
+@dataclass(frozen=True)
+class DegeneracyConfig:
+    """What makes a pose doubtful (`pose.flags`)."""
+
+    explained: float = share(0.95, "inliers that a turn or a plane explains, from which on it explains all of them")
+    min_inliers: int = number(20, "below, a pose may be chance")
+    min_inlier_share: float = share(0.15, "the same, of the points")
+    min_regions: int = number(3, "matched regions that the inliers must lie in")
+    rival: float = number(0.5, "points of another pose, times the inliers, that make a pose ambiguous")
+    max_direction_sigma: float = number(
+        15.0, "of the direction of translation; beyond, it is not known", unit="degrees", high=180.0
+    )
+    same_rotation: float = number(1.0, "rotations of a plane that differ less are one", unit="degrees", high=180.0)
+    same_direction: float = share(0.9998, "cosine of directions of translation from which on they are one")
+
+
+@dataclass(frozen=True)
+class FocalConfig:
+    """A focal length from the epipolar geometry alone (Bougnoux, ICCV 1998)."""
+
+    min_points: int = number(50, "inliers of the fundamental matrix", low=8)
+    samples: int = number(30, "bootstrap samples of the inliers", low=1, high=10_000)
+    min_solved: float = share(0.8, "samples that must have a solution")
+    max_spread: float = number(0.25, "half of the range of the middle two thirds of the samples, times their median")
+    low: float = number(0.3, "shortest focal length that cameras have", unit="longer side")
+    high: float = number(6.0, "longest", unit="longer side")
 
 
 @dataclass(frozen=True)
@@ -25,7 +53,29 @@ class PoseConfig:
     crop_size: int = number(480, "side of a crop", unit="px", low=32, high=4096)
     crop_points: int = number(512, "per crop", low=1, high=100_000)
     max_crops: int = number(40, "of rectified crops, the surest matches first", low=1, high=10_000)
+    crop_margin: float = number(0.15, "added to a box on every side, times its longer side")
+    crop_max_zoom: float = number(4.0, "crop px per image px; beyond, there is nothing more to see", above=True)
+    crop_min_zoom: float = number(1.2, "rectified crops: times the scale at which the whole image was searched")
+    crop_min_box: float = number(12.0, "shorter side of a box that is worth a crop", unit="px")
+    crop_max_iou: float = share(0.7, "rectified crops: of left boxes; beyond, one crop shows the other's polygon too")
+    crop_max_stretch: float = number(
+        16.0, "rectified crops: ratio of the areas of a px in two corners, beyond which a map shows no surface"
+    )
+    same_point: float = number(2.0, "two points that are closer in both images are one", unit="px")
+    bucket: int = number(0, "points kept in each cell of the left image, best first; 0: all")
+    cells: int = number(
+        8, "along each side of the left image: for `bucket`, and to count the places of points", low=1, high=1000
+    )
+    inlier: float = number(2.0, "Sampson distance of a point that agrees with a pose", unit="noise_px")
+    min_region_points: int = number(5, "points from which on a matched region is judged as a whole", low=1)
+    min_region_agreement: float = share(0.3, "points of a region that must agree with the pose")
+    refine_reach: float = number(5.0, "Sampson distance of points that take part in the refinement", unit="noise_px")
+    refine_steps: int = number(30, "Newton steps of the refinement, at most", low=1, high=10_000)
+    jackknife_blocks: int = number(
+        3, "along each side of the left image: the groups left out one by one for the covariance", low=1, high=100
+    )
     inflation: float = number(
         1.8, "of standard deviations", above=True, source="measured on pairs with known poses, docs/pose.md"
     )
-    bucket: int = number(0, "points kept in each of 8 x 8 cells of the left image, best first; 0: all")
+    degeneracy: DegeneracyConfig = field(default_factory=DegeneracyConfig)
+    focal: FocalConfig = field(default_factory=FocalConfig)

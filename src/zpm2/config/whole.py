@@ -15,7 +15,9 @@ from zpm2.config.parse import overlay
 from zpm2.config.photos import RasterConfig, TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
+from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.segment import SegmentConfig, VectorizeConfig
+from zpm2.config.stereo import StereoConfig
 from zpm2.errors import ConfigError
 
 
@@ -36,8 +38,10 @@ class Config:
     guided: GuidedConfig = field(default_factory=GuidedConfig)
     raster: RasterConfig = field(default_factory=RasterConfig)
     tiles: TilesConfig = field(default_factory=TilesConfig)
+    stereo: StereoConfig = field(default_factory=StereoConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
+    reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     seed: int = number(0, "of everything random")
     device: str = option("auto", "auto, cpu, cuda")
     max_memory: str = option(

@@ -18,8 +18,8 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
 
     names: those of the image files. The left camera is the origin; the length of the baseline is that of the result,
     or 1. Every point of the result is a keypoint, inliers are two-view matches, and points of the model where the two
-    rays meet before both cameras. What was there of an earlier run is replaced;
-    `OutputError` where something else has one of the names.
+    rays meet before both cameras. Files of an earlier run are replaced; `OutputError` where something else has one of
+    the names.
     """
     pycolmap = require_pycolmap()
     if isinstance(result.pose, Failed) or isinstance(result.cameras, Failed) or result.translation is None:

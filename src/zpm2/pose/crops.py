@@ -1,8 +1,8 @@
 """The local point set M2 (paper 3.5.1): what a point matcher finds inside the boxes of each matched pair of polygons.
 
 A crop shows a polygon's box larger than the whole image does, so that a small polygon has points of its own. The right
-crop is either the box of the partner, as in the paper, or what the pair's own map makes of the left crop: then the two
-look alike, whatever the viewpoint has done to scale, roll and slant.
+crop is either the box of the partner, as in the paper, or the left crop warped by the pair's own map: then the two look
+alike, whatever the viewpoint has done to scale, roll and slant.
 """
 
 from dataclasses import dataclass, field
@@ -12,20 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import PoseConfig
 from zpm2.features import PointMatcher
 from zpm2.model import Image, PointMatches, PolygonArrays
 from zpm2.pipeline import on_data
 
 Array = NDArray[np.float64]
-AROUND = 0.15  # of a box's longer side, added on every side
-LARGEST_ZOOM = 4.0  # crop px per image px: beyond, there is nothing more to see
-SMALLEST = 12.0  # px, the shorter side of a box that is worth a crop
-SAME = 0.7  # IoU of left boxes from which one crop shows the other's polygon too
 
 
 @dataclass(eq=False)
-class Levels:
-    """An image at its own resolution, a half, a quarter, ...; each level is made when it is first looked at."""
+class ImagePyramid:
+    """An image at its own resolution, a half, a quarter, ...; each level is made when it is first used."""
 
     image: Image
     pixels: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
@@ -59,29 +56,34 @@ class Crops:
     right: Array  # (n, 3, 3)
 
 
-def boxes(left: PolygonArrays, right: PolygonArrays, side: int) -> Crops:
+def boxes(left: PolygonArrays, right: PolygonArrays, config: PoseConfig) -> Crops:
     """The bounding boxes of each matched pair, as the paper takes them."""
-    rows = np.flatnonzero((_shorter(left) >= SMALLEST) & (_shorter(right) >= SMALLEST))
-    return Crops(rows, _square(left, side)[rows], _square(right, side)[rows])
+    rows = np.flatnonzero(np.minimum(_shorter(left), _shorter(right)) >= config.crop_min_box)
+    return Crops(rows, _square(left, config)[rows], _square(right, config)[rows])
 
 
 def rectified(
-    left: PolygonArrays, right: PolygonArrays, maps: Array, confidence: Array, side: int, zoom: float, most: int
+    left: PolygonArrays, right: PolygonArrays, maps: Array, confidence: Array, zoom: float, config: PoseConfig
 ) -> Crops:
-    """Boxes of left polygons and what `maps` (n, 3, 3; right ~ map @ left) make of them in the right image.
+    """Boxes of left polygons, and the same warped into the right image by `maps` (n, 3, 3; right ~ map @ left).
 
-    The surest pairs first, `most` of them. Left out are boxes that the whole image showed as large (at `zoom` px per
-    image px), that a crop before them shows too, and maps that are no view of a surface (mirrored, or torn by their
-    horizon).
+    The most confident pairs first, `max_crops` of them. Left out are boxes that the whole image showed as large (it was
+    searched at `zoom` px per image px) or that a crop before them shows too, and maps that no view of a surface gives
+    (mirrored, or torn by their horizon).
     """
-    squares = _square(left, side)
+    squares = _square(left, config)
     there = maps @ squares
-    seen = 1 / squares[:, 0, 0] > 1.2 * zoom
-    usable = seen & (_shorter(left) >= SMALLEST) & (_shorter(right) >= SMALLEST) & _sane(there, side)
+    gains = 1 / squares[:, 0, 0] > config.crop_min_zoom * zoom
+    large = np.minimum(_shorter(left), _shorter(right)) >= config.crop_min_box
+    usable = gains & large & _shows_surface(there, config)
     corners = left.bounds
     chosen: list[int] = []
     for k in np.argsort(-confidence, kind="stable"):
-        if usable[k] and len(chosen) < most and not (_overlap(corners[k], corners[chosen]) > SAME).any():
+        if (
+            usable[k]
+            and len(chosen) < config.max_crops
+            and not (_iou(corners[k], corners[chosen]) > config.crop_max_iou).any()
+        ):
             chosen.append(int(k))
     rows = np.sort(np.array(chosen, np.intp))
     return Crops(rows, squares[rows], there[rows])
@@ -89,7 +91,7 @@ def rectified(
 
 def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, side: int) -> PointMatches:
     """Homologous points of all crops in px of the original images."""
-    left, right = Levels(images[0]), Levels(images[1])
+    left, right = ImagePyramid(images[0]), ImagePyramid(images[1])
     pairs = [(left.crop(a, side), right.crop(b, side)) for a, b in zip(crops.left, crops.right, strict=True)]
     found = matcher.match_many(pairs)
     parts = []
@@ -100,10 +102,11 @@ def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, side
     return on_data(PointMatches.join(parts), images)
 
 
-def _square(polygons: PolygonArrays, side: int) -> Array:
-    """(n, 3, 3) from a square of `side` px to the square around each box, with what lies around it."""
+def _square(polygons: PolygonArrays, config: PoseConfig) -> Array:
+    """(n, 3, 3) from the square of a crop to the square around each box and its margin."""
+    side = config.crop_size
     low, high = polygons.bounds[:, :2], polygons.bounds[:, 2:]
-    size = np.maximum((high - low).max(1) * (1 + 2 * AROUND), side / LARGEST_ZOOM)
+    size = np.maximum((high - low).max(1) * (1 + 2 * config.crop_margin), side / config.crop_max_zoom)
     matrices = np.zeros((len(size), 3, 3))
     matrices[:, 0, 0] = matrices[:, 1, 1] = size / side
     matrices[:, :2, 2] = (low + high) / 2 - size[:, None] / 2
@@ -115,15 +118,17 @@ def _shorter(polygons: PolygonArrays) -> Array:
     return np.asarray((polygons.bounds[:, 2:] - polygons.bounds[:, :2]).min(1))
 
 
-def _sane(matrices: Array, side: int) -> NDArray[np.bool_]:
-    """(n,) whether the corners of a crop keep their orientation, and one is not stretched far more than another."""
+def _shows_surface(matrices: Array, config: PoseConfig) -> NDArray[np.bool_]:
+    """(n,) whether the corners of a crop keep their orientation, and none is stretched far more than another."""
+    side = config.crop_size
     corners = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float64)
     areas = np.array([np.linalg.det(geometry.homography_jacobian(m, corners)) for m in matrices]).reshape(-1, 4)
     weights = np.einsum("nj,cj->nc", matrices[:, 2], geometry.homogeneous(corners)) * np.sign(matrices[:, 2, 2:])
-    return np.asarray((weights > 0).all(1) & (areas > 0).all(1) & (areas.max(1) < 16 * areas.min(1)))
+    even = areas.max(1) < config.crop_max_stretch * areas.min(1)
+    return np.asarray((weights > 0).all(1) & (areas > 0).all(1) & even)
 
 
-def _overlap(box: Array, others: Array) -> Array:
+def _iou(box: Array, others: Array) -> Array:
     """(n,) IoU of a box (4,) with others (n, 4): x0, y0, x1, y1."""
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     both = np.prod(np.maximum(high - low, 0), axis=1)

@@ -1,4 +1,4 @@
-"""What the points cannot tell: a camera that only turned, a scene that is one plane, too little to go by."""
+"""Where points do not determine a pose: the camera only turned, the scene is one plane, or too few points agree."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import DegeneracyConfig, PoseConfig
 from zpm2.errors import Failed
-from zpm2.pose.estimators import Motion
+from zpm2.pose.estimators import PoseEstimate
+from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
-EXPLAINED = 0.95  # of the inliers of a pose, from which a simpler model is taken to explain all of them
-NOISE = 2.0  # thresholds within which a simpler model explains a point
-FEW, FEW_SHARE = 20, 0.15  # inliers, and share of the points, below which a pose may be chance
-REGIONS = 3  # matched regions that the inliers must lie in
-RIVAL = 0.5  # of the inliers, from which as many other points on another pose make a pose one of two
-UNSURE = 15.0  # degrees of one standard deviation, from which a direction is not known
+ROUNDS = 20  # of reweighting, by which a rotation is found
+NO_TRANSLATION = 1e-9  # of the plane's distance: a shorter one has no direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,44 +24,47 @@ class Degeneracy:
 
     flags: tuple[str, ...]  # of "pure_rotation", "planar_scene", "few_inliers", "few_regions", "uncertain", "ambiguous"
     rotation_only: Array | None = None  # (3, 3) of "pure_rotation"
-    turned: NDArray[np.bool_] | None = None  # (n,) the points that it explains
+    rotated: NDArray[np.bool_] | None = None  # (n,) the points that it explains
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t of unit length, of "planar_scene"
 
-    def beside(self, rival: int, inliers: int) -> "Degeneracy":
-        """The same, flagged as ambiguous where a pose with `rival` of the other points stands beside one with
-        `inliers`: repeated texture, or two motions."""
-        if self.rotation_only is not None or rival < RIVAL * inliers:
+    def with_rival(self, rival: int, inliers: int, config: DegeneracyConfig) -> "Degeneracy":
+        """The same, flagged as ambiguous where `rival` of the other points agree on another pose, beside `inliers` on
+        this one: repeated texture, or two motions."""
+        if self.rotation_only is not None or rival < config.rival * inliers:
             return self
         return dataclasses.replace(self, flags=(*self.flags, "ambiguous"))
 
 
 def examine(
-    motion: Motion, left: Array, right: Array, places: NDArray[np.intp], sigma: float, threshold: float, seed: int
+    estimate: PoseEstimate, rays: RayPairs, places: NDArray[np.intp], sigma: float, config: PoseConfig, seed: int
 ) -> Degeneracy:
-    """What speaks against `motion`, estimated from homologous rays (n, 2) with `threshold`.
+    """What speaks against a pose, estimated from n homologous rays.
 
     places: (n,) the region of each point, negative for one outside of matched regions. sigma: degrees, of the direction
     of t.
     """
-    near = geometry.sampson_distance(motion.essential, left, right) <= NOISE * threshold
-    turn = rotation_between(left[near], right[near], threshold)
-    turned = np.linalg.norm(geometry.turn_rays(turn, left) - right, axis=1) <= NOISE * threshold
-    rotates = turned[near].mean() >= EXPLAINED if near.any() else False  # where nothing moves, nothing is in front
-    agree = turned if rotates else motion.inliers
+    limits = config.degeneracy
+    near = rays.near(estimate.essential, config.inlier)
+    rotation = rotation_between(rays.left[near], rays.right[near], rays.noise)
+    away = np.linalg.norm(geometry.turn_rays(rotation, rays.left) - rays.right, axis=1)
+    rotated = away <= config.inlier * rays.noise
+    # not of the inliers: of a camera that only turned, no point can be shown to lie before both views
+    only_turned = rotated[near].mean() >= limits.explained if near.any() else False
+    agree = rotated if only_turned else estimate.inliers
     flags = []
-    if agree.sum() < max(FEW, FEW_SHARE * len(left)):
+    if agree.sum() < max(limits.min_inliers, limits.min_inlier_share * len(rays)):
         flags.append("few_inliers")
-    if len(np.unique(places[agree & (places >= 0)])) < REGIONS:
+    if len(np.unique(places[agree & (places >= 0)])) < limits.min_regions:
         flags.append("few_regions")
-    if rotates:
-        return Degeneracy((*flags, "pure_rotation"), turn, agree)
-    a, b = left[agree], right[agree]
+    if only_turned:
+        return Degeneracy((*flags, "pure_rotation"), rotation, agree)
+    inliers = rays[agree]
     alternatives: tuple[tuple[Array, Array], ...] = ()
-    plane = geometry.homography(a, b, NOISE * threshold, seed)
-    if not isinstance(plane, Failed) and plane[1].mean() >= EXPLAINED:
+    plane = geometry.homography(inliers.left, inliers.right, config.inlier * rays.noise, seed)
+    if not isinstance(plane, Failed) and plane[1].mean() >= limits.explained:
         flags.append("planar_scene")
-        alternatives = _other_motions(plane[0], motion, a, b, threshold)
-    if sigma > UNSURE:
+        alternatives = _other_poses(plane[0], estimate, inliers, config)
+    if sigma > limits.max_direction_sigma:
         flags.append("uncertain")
     return Degeneracy(tuple(flags), alternatives=alternatives)
 
@@ -72,7 +73,7 @@ def rotation_between(left: Array, right: Array, threshold: float) -> Array:
     """(3, 3) R with right ~ R left for homologous rays (n, 2): Kabsch (1976) on unit vectors, reweighted (Cauchy)."""
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in map(geometry.homogeneous, (left, right)))
     weight, rotation = np.ones(len(a)), np.eye(3)
-    for _ in range(20):
+    for _ in range(ROUNDS):
         u, _, v = np.linalg.svd((b * weight[:, None]).T @ a)
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
         error = np.linalg.norm(a @ rotation.T - b, axis=1) / threshold
@@ -80,24 +81,27 @@ def rotation_between(left: Array, right: Array, threshold: float) -> Array:
     return np.asarray(rotation)
 
 
-def _other_motions(
-    plane: Array, motion: Motion, left: Array, right: Array, threshold: float
+def _other_poses(
+    plane: Array, estimate: PoseEstimate, rays: RayPairs, config: PoseConfig
 ) -> tuple[tuple[Array, Array], ...]:
-    """The motions of a plane's homography (of rays) under which the points lie before both cameras and agree as well as
-    under `motion`, but for that one itself (Malis and Vargas, INRIA RR-6303)."""
-    if np.linalg.det(plane) < 0:
+    """The poses that a plane's homography (of rays) allows beside `estimate`: those under which the points lie before
+    both cameras and agree as well (Malis and Vargas, INRIA RR-6303)."""
+    limits = config.degeneracy
+    if np.linalg.det(plane) < 0:  # it mirrors
         return ()
     _, rotations, translations, _ = cv2.decomposeHomographyMat(plane, np.eye(3))
     found: list[tuple[Array, Array]] = []
     for rotation, direction in zip(rotations, translations, strict=True):
         length = np.linalg.norm(direction)
-        if length < 1e-9:
+        if length < NO_TRANSLATION:
             continue
         translation = direction.ravel() / length
         essential = geometry.cross_matrix(translation) @ rotation
-        agree = geometry.sampson_distance(essential, left, right) <= NOISE * threshold
-        before = geometry.in_front(rotation, translation, left, right)
-        same = np.trace(rotation @ motion.rotation.T) > 1 + 2 * np.cos(np.radians(1.0))
-        if (agree & before).mean() >= EXPLAINED and not (same and translation @ motion.translation > 0.9998):
+        agree = rays.near(essential, config.inlier)
+        before = geometry.in_front(rotation, translation, rays.left, rays.right)
+        near = np.cos(np.radians(limits.same_rotation))
+        same = np.trace(rotation @ estimate.rotation.T) > 1 + 2 * near
+        same &= translation @ estimate.translation > limits.same_direction
+        if (agree & before).mean() >= limits.explained and not same:
             found.append((np.asarray(rotation), translation))
     return tuple(found)

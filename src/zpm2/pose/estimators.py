@@ -1,4 +1,4 @@
-"""What estimates a relative pose from homologous rays: OpenCV, or PoseLib where it is installed."""
+"""Robust estimators of a relative pose from homologous rays: OpenCV, and PoseLib where it is installed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,11 +13,13 @@ from zpm2 import geometry
 from zpm2.errors import ConfigError, Failed, MissingDependency
 
 Array = NDArray[np.float64]
-ENOUGH = 8  # homologous points, below which there is no pose: five fit one exactly and prove nothing
+MIN_POINTS = 8  # below, there is no pose: any five points fit one exactly and prove nothing
+# of PoseLib's LO-RANSAC
+MIN_ITERATIONS, MAX_ITERATIONS = 1000, 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PoseEstimate:
     """The right camera seen from the left one: X_right = R X_left + s t for some s > 0."""
 
     rotation: Array  # (3, 3)
@@ -38,8 +40,8 @@ class PoseEstimator(Protocol):
         """What it is called in `PoseConfig.estimator`."""
         ...
 
-    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> Motion | Failed:
-        """The pose under which most of the homologous rays (n, 2) agree, or why there is none.
+    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> PoseEstimate | Failed:
+        """The pose on which most of the homologous rays (n, 2) agree, or why there is none.
 
         `threshold` is the noise of an inlier in units of rays (px / focal length). The same input gives the same pose.
         """
@@ -51,19 +53,23 @@ class OpenCv:
 
     name = "opencv"
 
-    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> Motion | Failed:
-        if len(left) < ENOUGH:
+    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> PoseEstimate | Failed:
+        if len(left) < MIN_POINTS:
             return _too_few(len(left))
         essential = geometry.essential_matrix(left, right, threshold, seed)
         if isinstance(essential, Failed):
             return essential
         matrix, mask = essential
         first, second, direction = cv2.decomposeEssentialMat(matrix)
-        motions = [(turn, sign * direction.ravel()) for turn in (first, second) for sign in (1.0, -1.0)]
+        motions = [
+            (np.asarray(rotation), np.asarray(sign * direction.ravel()))
+            for rotation in (first, second)
+            for sign in (1.0, -1.0)
+        ]
         # cv2.recoverPose would count points farther than 50 baselines as behind the cameras
-        before = [geometry.in_front(turn, shift, left, right) & mask for turn, shift in motions]
-        best = int(np.argmax([front.sum() for front in before]))
-        return _proven(Motion(np.asarray(motions[best][0]), np.asarray(motions[best][1]), before[best]))
+        in_front = [geometry.in_front(*motion, left, right) & mask for motion in motions]
+        best = int(np.argmax([front.sum() for front in in_front]))
+        return _with_enough_inliers(PoseEstimate(*motions[best], in_front[best]))
 
 
 class PoseLib:
@@ -78,17 +84,23 @@ class PoseLib:
             raise MissingDependency("the estimator poselib is not installed: pip install poselib") from error
         self.solve = poselib.estimate_relative_pose
 
-    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> Motion | Failed:
-        if len(left) < ENOUGH:
+    def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> PoseEstimate | Failed:
+        if len(left) < MIN_POINTS:
             return _too_few(len(left))
-        # PoseLib expects px: these are px of a camera in which the noise is one
+        # PoseLib expects px: it gets those of a camera in which the noise is one px
         unit = {"model": "PINHOLE", "width": 0, "height": 0, "params": [1 / threshold, 1 / threshold, 0.0, 0.0]}
-        ransac = {"max_epipolar_error": 1.0, "seed": seed, "max_iterations": 20000, "min_iterations": 1000}
+        ransac = {
+            "max_epipolar_error": 1.0,
+            "seed": seed,
+            "max_iterations": MAX_ITERATIONS,
+            "min_iterations": MIN_ITERATIONS,
+        }
         pose, info = self.solve(left / threshold, right / threshold, unit, unit, ransac, {"loss_scale": 1.0})
         length = float(np.linalg.norm(pose.t))
         if not np.isfinite([*pose.R.ravel(), *pose.t]).all() or not length:
             return Failed("no relative pose fits the homologous points")
-        return _proven(Motion(np.asarray(pose.R), np.asarray(pose.t) / length, np.array(info["inliers"], bool)))
+        inliers = np.array(info["inliers"], bool)
+        return _with_enough_inliers(PoseEstimate(np.asarray(pose.R), np.asarray(pose.t) / length, inliers))
 
 
 ESTIMATORS: Mapping[str, Callable[[], PoseEstimator]] = {"opencv": OpenCv, "poselib": PoseLib}
@@ -105,11 +117,11 @@ def open_estimator(name: str) -> PoseEstimator:
 
 
 def _too_few(count: int) -> Failed:
-    return Failed(f"a relative pose is trusted from {ENOUGH} homologous points on, there are {count}")
+    return Failed(f"a relative pose is trusted from {MIN_POINTS} homologous points on, there are {count}")
 
 
-def _proven(motion: Motion) -> Motion | Failed:
-    agreeing, total = int(motion.inliers.sum()), len(motion.inliers)
-    if agreeing < ENOUGH:
+def _with_enough_inliers(estimate: PoseEstimate) -> PoseEstimate | Failed:
+    agreeing, total = int(estimate.inliers.sum()), len(estimate.inliers)
+    if agreeing < MIN_POINTS:
         return Failed(f"only {agreeing} of {total} homologous points agree on a relative pose")
-    return motion
+    return estimate

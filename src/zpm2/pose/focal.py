@@ -1,44 +1,43 @@
-"""The focal length that a fundamental matrix tells, where it tells one."""
+"""The focal length that follows from a fundamental matrix, where one does."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import FocalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
-ROUNDS = 30  # bootstrap samples of the inliers
-SPREAD = 0.25  # half of the range of the middle two thirds over the median, up to which a focal length is believed
-LIMITS = 0.3, 6.0  # of the longer side, focal lengths that cameras have
-ENOUGH = 50  # inliers
 
 
 def focal_from_points(
-    points: PointMatches, sizes: tuple[tuple[int, int], tuple[int, int]], seed: int
+    points: PointMatches, sizes: tuple[tuple[int, int], tuple[int, int]], config: FocalConfig, seed: int
 ) -> tuple[float, float] | Failed:
-    """px, the focal length that both images share, and one standard deviation of it; or why there is no saying.
+    """px, the focal length that both images share, and its standard deviation; or why the points do not determine it.
 
     points: inliers of a fundamental matrix, image px. Square pixels and principal points in the middle are assumed.
     Bougnoux' formula (ICCV 1998) for both cameras, their geometric mean; the spread is that of bootstrap samples. Where
     the optical axes meet, as they nearly do in rectified and in turntable pairs, the formula has no solution: the
     spread shows it.
     """
-    if len(points) < ENOUGH:
-        return Failed(f"a focal length needs {ENOUGH} points on one epipolar geometry, there are {len(points)}")
+    if len(points) < config.min_points:
+        return Failed(
+            f"a focal length needs {config.min_points} points on one epipolar geometry, there are {len(points)}"
+        )
     middle = np.array(sizes) / 2
     scale = float(max(max(size) for size in sizes))
     left, right = (points.left - middle[0]) / scale, (points.right - middle[1]) / scale
     rng = np.random.default_rng(seed)
-    samples = [rng.integers(0, len(left), len(left)) for _ in range(ROUNDS)]
+    samples = [rng.integers(0, len(left), len(left)) for _ in range(config.samples)]
     found = np.array([_focal(geometry.eight_points(left[rows], right[rows])) for rows in samples])
     good = found[np.isfinite(found)]
-    if len(good) < 0.8 * ROUNDS:
+    if len(good) < config.min_solved * config.samples:
         return Failed("the epipolar geometry is close to one from which no focal length follows (axes that meet)")
     low, median, high = np.quantile(good, [1 / 6, 0.5, 5 / 6])
-    if (high - low) / 2 > SPREAD * median:
+    if (high - low) / 2 > config.max_spread * median:
         return Failed(f"the focal length is not determined: {low * scale:.0f} to {high * scale:.0f} px fit alike")
-    if not LIMITS[0] < median < LIMITS[1]:
+    if not config.low < median < config.high:
         return Failed(f"the focal length comes out as {median * scale:.0f} px, which no usual camera has")
     return float(median * scale), float((high - low) / 2 * scale)
 
@@ -54,6 +53,6 @@ def _squared(fundamental: Array) -> float:
     flat, point = np.diag([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     epipole = np.linalg.svd(fundamental.T)[2][-1]  # of the right image
     across = geometry.cross_matrix(epipole) @ flat @ fundamental
-    below = point @ across @ flat @ fundamental.T @ point
-    above = (point @ across @ point) * (point @ fundamental.T @ point)
-    return float(-above / below) if below else float("nan")
+    divisor = point @ across @ flat @ fundamental.T @ point
+    dividend = (point @ across @ point) * (point @ fundamental.T @ point)
+    return float(-dividend / divisor) if divisor else float("nan")

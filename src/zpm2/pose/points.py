@@ -5,12 +5,36 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2 import geometry
 from zpm2.features.combined import distinct
 from zpm2.local_match.shared_points import shared_points
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.model.brief import brief
 
-SAME_PX = 2.0  # px, in both images: two points of different origin that are closer are one
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RayPairs:
+    """Homologous rays of two calibrated cameras (x / z, y / z), and how exact they are."""
+
+    left: Array  # (n, 2)
+    right: Array  # (n, 2)
+    noise: float  # of a ray: the estimator's threshold, px / focal length
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "RayPairs":
+        return RayPairs(self.left[rows], self.right[rows], self.noise)
+
+    def distance(self, essential: Array) -> Array:
+        """(n,) Sampson distances, units of rays."""
+        return geometry.sampson_distance(essential, self.left, self.right)
+
+    def near(self, essential: Array, reach: float) -> NDArray[np.bool_]:
+        """(n,) which rays lie within `reach` times their noise of their epipolar lines."""
+        return np.asarray(self.distance(essential) <= reach * self.noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +57,8 @@ class Correspondences:
 def region_of(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> NDArray[np.intp]:
     """(n,) the matched pair (row k of `left` and of `right`) that holds each point on both sides; -1 where none does.
 
-    Of several, nested ones, the one of the smallest left polygon: so each point has one region, and regions exclude
-    each other, as the paper wants it.
+    Where regions are nested, a point belongs to that of the smallest left polygon: each point has one region, and
+    regions exclude each other, as in the paper.
     """
     region = np.full(len(points), -1, np.intp)
     inside = shared_points(points, left, right)
@@ -47,14 +71,14 @@ def region_of(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -
     return region
 
 
-def union(known: Correspondences, more: Correspondences) -> Correspondences:
-    """Both, without points of one that the other has too; of two such points the better score stays."""
+def union(known: Correspondences, more: Correspondences, radius: float) -> Correspondences:
+    """Both, without doubles: of two points less than `radius` px apart in both images the better score stays."""
     together = Correspondences(
         PointMatches.join([known.points, more.points]),
         np.concatenate([known.region, more.region]),
         np.concatenate([known.local, more.local]),
     )
-    return together[distinct(together.points, SAME_PX)]
+    return together[distinct(together.points, radius)]
 
 
 def cell_of(points: PointMatches, size: tuple[int, int], cells: int) -> NDArray[np.intp]:
@@ -63,11 +87,11 @@ def cell_of(points: PointMatches, size: tuple[int, int], cells: int) -> NDArray[
     return np.asarray(row * cells + column)
 
 
-def spread(points: PointMatches, size: tuple[int, int], cells: int, most: int) -> NDArray[np.bool_]:
-    """(n,) which points to keep, at most `most` in each of `cells` x `cells` cells of the left image, best first."""
+def spread(points: PointMatches, size: tuple[int, int], cells: int, limit: int) -> NDArray[np.bool_]:
+    """(n,) which points to keep, at most `limit` in each of `cells` x `cells` cells of the left image, best first."""
     cell = cell_of(points, size, cells)
     order = np.lexsort((-points.score, cell))
     first = np.searchsorted(cell[order], cell[order])
     keep = np.zeros(len(points), bool)
-    keep[order[np.arange(len(order)) - first < most]] = True
+    keep[order[np.arange(len(order)) - first < limit]] = True
     return keep

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from zpm2.config import StereoConfig
 from zpm2.errors import Failed
 from zpm2.model import Image, Polygon
 from zpm2.pose.result import PoseResult
@@ -10,14 +11,21 @@ from zpm2.stereo.rectify import RectifiedPair
 
 
 def rectify(
-    result: PoseResult, images: tuple[Image, Image], polygons: tuple[Sequence[Polygon], Sequence[Polygon]]
+    result: PoseResult,
+    images: tuple[Image, Image],
+    polygons: tuple[Sequence[Polygon], Sequence[Polygon]],
+    config: StereoConfig | None = None,
 ) -> RectifiedPair | Failed:
-    """The rectified pair in which the points that agree with the pose are seen whole; arguments as there. `Failed`
-    without a pose or a translation, and where a camera moved along its own line of sight."""
+    """The rectified pair in which the points that agree with the pose are seen whole.
+
+    images: the originals. polygons: the matched ones of either side. config: that of the run, the defaults where none
+    is given. `Failed` without a pose or a translation, and where a camera moved along its own line of sight.
+    """
     if isinstance(result.pose, Failed):
         return Failed(f"without a pose there is no rectified pair: {result.pose}")
     if result.translation is None:
         return Failed("a camera that only turned gives no rectified pair")
     assert not isinstance(result.cameras, Failed)
     points = result.points.points.left[result.inliers], result.points.points.right[result.inliers]
-    return stereo.rectify(result.cameras, result.pose.rotation, result.translation, points, images, polygons)
+    motion = result.pose.rotation, result.translation
+    return stereo.rectify(result.cameras, motion, points, images, polygons, config or StereoConfig())

@@ -1,4 +1,4 @@
-"""The pose that fits the inliers best, and how sure it is."""
+"""The pose that fits the inliers best, and its covariance."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.pose.estimators import Motion
+from zpm2.pose.estimators import PoseEstimate
+from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
-STEPS = 30  # of the refinement, at most
+STEP_DONE = 1e-9  # rad: a smaller step ends the refinement
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinedPose:
     """A pose with its covariance: three angles of rotation about the right camera's axes, two of the direction of t."""
 
-    motion: Motion
+    estimate: PoseEstimate
     covariance: Array  # (5, 5) rad^2
 
     @property
@@ -32,40 +33,40 @@ class Refined:
         return float(np.degrees(np.sqrt(np.trace(self.covariance[3:, 3:]))))
 
 
-def refine(motion: Motion, left: Array, right: Array, group: NDArray[np.intp], threshold: float) -> Refined:
-    """`motion` moved to the least sum of robustly weighted squared Sampson distances of its inliers.
+def refine(estimate: PoseEstimate, rays: RayPairs, group: NDArray[np.intp], steps: int) -> RefinedPose:
+    """The pose with the least sum of robustly weighted squared Sampson distances of the inliers, near `estimate`.
 
-    Rays (n, 2) of the points that the motion was estimated from, `threshold` (same units) the scale of the weights,
-    which are those of Geman and McClure: a far point counts for nothing, so it matters little which ones are given. The
-    points should reach well beyond the threshold: to keep only what fits, and to ask that how well it fits, makes an
-    estimate look surer than it is.
+    rays: those that it was estimated from. The weights are those of Geman and McClure, scaled by the noise: a far point
+    counts for nothing, so it matters little which far points are among the inliers. They should reach well beyond the
+    noise, though: a selection of points that fit makes an estimate look more exact than it is. At most `steps` Newton
+    steps.
 
     The covariance is that of leaving out one `group` (n,) after the other, in one Newton step each (the jackknife, CR3
     of Bell and McCaffrey, Survey Methodology 2002): the points of a group share their errors, so groups are counted,
     not points.
     """
-    rows = np.flatnonzero(motion.inliers)
-    left, right, group = left[rows], right[rows], group[rows]
-    rotation, translation = motion.rotation, motion.translation
-    for _ in range(STEPS):
-        residual = _residual(rotation, translation, left, right, threshold)
+    rows = np.flatnonzero(estimate.inliers)
+    rays, group = rays[rows], group[rows]
+    rotation, translation = estimate.rotation, estimate.translation
+    for _ in range(steps):
+        residual = _residual(rotation, translation, rays)
         error, jacobian = residual(np.zeros(5)), _jacobian(residual)
         weight = 1 / (1 + error**2) ** 2
         normal = jacobian.T @ (weight[:, None] * jacobian)
         step = np.asarray(np.linalg.lstsq(normal, -jacobian.T @ (weight * error), rcond=1e-12)[0], np.float64)
         rotation, translation = _moved(rotation, translation, step)
-        if np.linalg.norm(step) < 1e-9:
+        if np.linalg.norm(step) < STEP_DONE:
             break
-    residual = _residual(rotation, translation, left, right, threshold)
+    residual = _residual(rotation, translation, rays)
     covariance = _covariance(residual(np.zeros(5)), _jacobian(residual), group)
-    return Refined(Motion(rotation, translation, motion.inliers), covariance)
+    return RefinedPose(PoseEstimate(rotation, translation, estimate.inliers), covariance)
 
 
 def blocks(points: Array, along: int) -> NDArray[np.intp]:
     """(n,) which of `along` x `along` blocks of like many points each point is in: columns, each cut into rows.
 
-    What is wrong with a camera, a lens or a matcher is wrong in large parts of an image alike. The blocks are as large
-    as they can be, if there are to be enough of them to compare.
+    Errors of a camera, a lens or a matcher are alike in large parts of an image. The blocks are as large as they can
+    be while there are enough of them to compare.
     """
     n, column = len(points), np.empty(len(points), np.intp)
     column[np.argsort(points[:, 0], kind="stable")] = np.arange(n) * along // max(n, 1)
@@ -77,7 +78,7 @@ def blocks(points: Array, along: int) -> NDArray[np.intp]:
 
 
 def _covariance(error: Array, jacobian: Array, group: NDArray[np.intp]) -> Array:
-    """(5, 5) of residuals (n,) in thresholds and their derivatives (n, 5)."""
+    """(5, 5) of residuals (n,) over the noise and their derivatives (n, 5)."""
     slope = error / (1 + error**2) ** 2  # of the loss, and how it changes
     bend = (1 - 3 * error**2) / (1 + error**2) ** 3
     _, member = np.unique(group, return_inverse=True)
@@ -92,19 +93,18 @@ def _covariance(error: Array, jacobian: Array, group: NDArray[np.intp]) -> Array
 
 def _moved(rotation: Array, translation: Array, by: Array) -> tuple[Array, Array]:
     """A pose moved by three angles about the right camera's axes and two of the direction of t."""
-    turn, _ = cv2.Rodrigues(by[:3])
+    rotate, _ = cv2.Rodrigues(by[:3])
     direction = translation + _tangent(translation) @ by[3:]
-    return turn @ rotation, direction / np.linalg.norm(direction)
+    return rotate @ rotation, direction / np.linalg.norm(direction)
 
 
-def _residual(
-    rotation: Array, translation: Array, left: Array, right: Array, threshold: float
-) -> Callable[[Array], Array]:
-    """Signed Sampson distances (n,) in thresholds, as a function of how the pose is moved."""
+def _residual(rotation: Array, translation: Array, rays: RayPairs) -> Callable[[Array], Array]:
+    """Signed Sampson distances (n,) over the noise, as a function of how the pose is moved."""
 
     def residual(by: Array) -> Array:
-        turn, shift = _moved(rotation, translation, by)
-        return geometry.signed_sampson_distance(geometry.cross_matrix(shift) @ turn, left, right) / threshold
+        moved, direction = _moved(rotation, translation, by)
+        essential = geometry.cross_matrix(direction) @ moved
+        return geometry.signed_sampson_distance(essential, rays.left, rays.right) / rays.noise
 
     return residual
 

@@ -8,27 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.config import Config
+from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import CHANCE, MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
-from zpm2.pose.estimators import Motion, PoseEstimator, open_estimator
+from zpm2.pose.estimators import PoseEstimate, PoseEstimator, open_estimator
 from zpm2.pose.focal import focal_from_points
-from zpm2.pose.points import Correspondences, cell_of, region_of, spread, union
-from zpm2.pose.refine import Refined, blocks, refine
-from zpm2.pose.result import Pose, PoseResult
+from zpm2.pose.points import Correspondences, RayPairs, cell_of, region_of, spread, union
+from zpm2.pose.refine import RefinedPose, blocks, refine
+from zpm2.pose.result import PoseResult, RelativePose
 from zpm2.result import MatchResult
 from zpm2.stereo.intrinsics import centred
 
 Array = NDArray[np.float64]
-CELLS = 8  # along each side of the left image: the places of points without a region, and the buckets of `spread`
-JUDGED = 5  # points from which a region is judged as a whole
-REACH = 5.0  # thresholds, within which points take part in the refinement
-BLOCKS = 3  # along each side of the left image, that errors of the pose are told from
-AGREE = 0.3  # share of a region's points that must agree with the pose
+ESSENTIAL_SAMPLE, ESSENTIAL_MODELS = 5, 10  # points that an essential matrix follows from, and how many do
 
 
 class PoseFinder:
@@ -50,16 +46,17 @@ class PoseFinder:
     ) -> PoseResult:
         """The pose of the right camera seen from the left one, X_right = R X_left + s t.
 
-        `cameras` None: nothing is known; a focal length is estimated where the epipolar geometry tells one. `images`
-        are needed for crops, where the result does not hold them. What cannot be estimated is `Failed` in the result.
+        `cameras` None: they are not known; a focal length is estimated where the epipolar geometry determines one.
+        `images` are needed for crops, where the result does not hold them. What cannot be estimated is `Failed` in the
+        result.
         """
-        options, seed, seconds, warnings = self.config.pose, self.config.seed, {}, list[str]()
+        config, seed, seconds, warnings = self.config.pose, self.config.seed, {}, list[str]()
         start = perf_counter()
         chosen = self.gather(result, images, warnings)
         seconds["points"] = perf_counter() - start
         start = perf_counter()
         found: tuple[Camera, Camera] | Failed = cameras or self._estimated_cameras(result)
-        pose: Pose | Failed
+        pose: RelativePose | Failed
         inliers, rejected = np.zeros(len(chosen), bool), np.zeros(0, np.intp)
         if initial_geometry(result.points, self.config.global_match, seed).mirrored:
             pose = Failed(f"{MIRRORED}: mirror it back")
@@ -68,9 +65,9 @@ class PoseFinder:
         else:
             pose, inliers, rejected = self.estimate(chosen, found)
             if not isinstance(pose, Failed):
-                pose = self._proven(pose, result.points, found, self._threshold(found))
+                pose = self._beyond_chance(pose, result.points, found)
         seconds["pose"] = perf_counter() - start
-        if options.estimator == "auto" and self.estimator.name == "opencv":
+        if config.estimator == "auto" and self.estimator.name == "opencv":
             warnings.append("poselib is not installed, OpenCV estimates the pose, less exactly: pip install poselib")
         ids = [(m.left, m.right) for m in result.matches]
         return PoseResult(
@@ -83,7 +80,7 @@ class PoseFinder:
             found=len(result.points),
             fundamental=result.fundamental,
             homography=result.homography,
-            config=dataclasses.asdict(options) | {"estimator": self.estimator.name, "seed": seed},
+            config=dataclasses.asdict(config) | {"estimator": self.estimator.name, "seed": seed},
             timings=seconds,
             warnings=warnings,
         )
@@ -93,18 +90,19 @@ class PoseFinder:
     ) -> Correspondences:
         """C: the points of the whole images, filtered by regions if so configured, and those of crops.
 
-        `warnings` gets a sentence where that is not what was asked for.
+        `warnings` gets a sentence where that leaves no point, and all are taken.
         """
-        options, pairs = self.config.pose, [PolygonArrays(side) for side in result.matched_polygons()]
+        config, pairs = self.config.pose, [PolygonArrays(side) for side in result.matched_polygons()]
         region = region_of(result.points, pairs[0], pairs[1])
         points = Correspondences(result.points, region, np.zeros(len(region), bool))
-        if options.points == "regions":
+        if config.points == "regions":
             points = points[region >= 0]
-        if options.crops != "off" and len(result.matches):
-            points = union(points, self._local(result, pairs, images or result.images()))
-        if options.bucket:
-            points = points[spread(points.points, (result.left.width, result.left.height), CELLS, options.bucket)]
-        if options.points == "regions" and len(points) == 0 and len(result.points):
+        if config.crops != "off" and len(result.matches):
+            points = union(points, self._local(result, pairs, images or result.images()), config.same_point)
+        if config.bucket:
+            size = result.left.width, result.left.height
+            points = points[spread(points.points, size, config.cells, config.bucket)]
+        if config.points == "regions" and len(points) == 0 and len(result.points):
             (warnings if warnings is not None else []).append("no point lies in matched regions: all points are used")
             points = Correspondences(result.points, region, np.zeros(len(region), bool))
         return points
@@ -113,15 +111,14 @@ class PoseFinder:
         self, result: MatchResult, pairs: Sequence[PolygonArrays], images: tuple[Image, Image]
     ) -> Correspondences:
         """M2: the points of crops that lie in a matched pair."""
-        options, side = self.config.pose, self.config.pose.crop_size
-        if options.crops == "boxes":
-            chosen = crops.boxes(pairs[0], pairs[1], side)
+        config = self.config.pose
+        if config.crops == "boxes":
+            chosen = crops.boxes(pairs[0], pairs[1], config)
         else:
             confidence = np.array([match.confidence for match in result.matches])
             zoom = min(1.0, self.config.points.max_size / max(images[0].width, images[0].height))
-            maps = result.maps()
-            chosen = crops.rectified(pairs[0], pairs[1], maps, confidence, side, zoom, options.max_crops)
-        points = crops.match(chosen, images, self._load(), side)
+            chosen = crops.rectified(pairs[0], pairs[1], result.maps(), confidence, zoom, config)
+        points = crops.match(chosen, images, self._load(), config.crop_size)
         region = region_of(points, pairs[0], pairs[1])
         return Correspondences(points, region, np.ones(len(region), bool))[region >= 0]
 
@@ -135,66 +132,65 @@ class PoseFinder:
 
     def estimate(
         self, chosen: Correspondences, cameras: tuple[Camera, Camera], seed: int | None = None
-    ) -> tuple[Pose | Failed, NDArray[np.bool_], NDArray[np.intp]]:
+    ) -> tuple[RelativePose | Failed, NDArray[np.bool_], NDArray[np.intp]]:
         """The pose, the (n,) inliers, and the regions (rows of matched pairs) that were rejected."""
         seed = self.config.seed if seed is None else seed
-        threshold = self._threshold(cameras)
-        sides = chosen.points.left, chosen.points.right
-        left, right = (camera.rays(points) for camera, points in zip(cameras, sides, strict=True))
+        config, rays = self.config.pose, self._rays(chosen.points, cameras)
 
-        def estimate(rows: NDArray[np.intp]) -> Motion | Failed:
-            motion = self.estimator.estimate(left[rows], right[rows], threshold, seed)
-            if isinstance(motion, Failed):
-                return motion
-            inliers = np.zeros(len(left), bool)
-            inliers[rows] = motion.inliers
-            return dataclasses.replace(motion, inliers=inliers)
+        def estimate(rows: NDArray[np.intp]) -> PoseEstimate | Failed:
+            found = self.estimator.estimate(rays.left[rows], rays.right[rows], rays.noise, seed)
+            if isinstance(found, Failed):
+                return found
+            inliers = np.zeros(len(rays), bool)
+            inliers[rows] = found.inliers
+            return dataclasses.replace(found, inliers=inliers)
 
-        motion = estimate(np.arange(len(left)))
+        first = estimate(np.arange(len(rays)))
         rejected = np.zeros(0, np.intp)
-        if isinstance(motion, Failed):
-            return motion, np.zeros(len(left), bool), rejected
-        rejected = inconsistent_regions(motion, left, right, chosen.region, threshold)
+        if isinstance(first, Failed):
+            return first, np.zeros(len(rays), bool), rejected
+        rejected = inconsistent_regions(first, rays, chosen.region, config)
         if len(rejected):
-            again = estimate(np.flatnonzero(~np.isin(chosen.region, rejected)))
-            if isinstance(again, Failed):
+            second = estimate(np.flatnonzero(~np.isin(chosen.region, rejected)))
+            if isinstance(second, Failed):
                 rejected = rejected[:0]
             else:
-                motion = again
-        refined = self._refined(motion, left, right, ~np.isin(chosen.region, rejected), threshold)
-        refined = _with_inliers(refined, left, right, chosen, rejected, threshold)
-        places = places_of(chosen, cameras[0].size)
-        seen = degeneracy.examine(refined.motion, left, right, places, refined.translation_sigma, threshold, seed)
-        seen = seen.beside(self._rival(refined.motion, left, right, threshold, seed), int(refined.motion.inliers.sum()))
-        inliers = refined.motion.inliers if seen.turned is None else seen.turned
-        return Pose.of(refined, seen), inliers, rejected
+                first = second
+        usable = ~np.isin(chosen.region, rejected)
+        refined = _with_inliers(self._refined(first, rays, usable), rays, usable, config)
+        final = refined.estimate
+        places = places_of(chosen, cameras[0].size, config.cells)
+        doubts = degeneracy.examine(final, rays, places, refined.translation_sigma, config, seed)
+        doubts = doubts.with_rival(self._rival(final, rays, seed), int(final.inliers.sum()), config.degeneracy)
+        inliers = final.inliers if doubts.rotated is None else doubts.rotated
+        return RelativePose.of(refined, doubts), inliers, rejected
 
-    def _refined(
-        self, motion: Motion, left: Array, right: Array, usable: NDArray[np.bool_], threshold: float
-    ) -> Refined:
+    def _refined(self, estimate: PoseEstimate, rays: RayPairs, usable: NDArray[np.bool_]) -> RefinedPose:
         """Refined on the `usable` points that are anywhere near, and once more on those near the refined pose."""
-        parts = blocks(left, BLOCKS)
+        config = self.config.pose
+        parts = blocks(rays.left, config.jackknife_blocks)
         for _ in range(2):
-            near = geometry.sampson_distance(motion.essential, left, right) <= REACH * threshold
-            refined = refine(dataclasses.replace(motion, inliers=near & usable), left, right, parts, threshold)
-            motion = refined.motion
-        return dataclasses.replace(refined, covariance=self.config.pose.inflation**2 * refined.covariance)
+            near = rays.near(estimate.essential, config.refine_reach)
+            refined = refine(dataclasses.replace(estimate, inliers=near & usable), rays, parts, config.refine_steps)
+            estimate = refined.estimate
+        return dataclasses.replace(refined, covariance=config.inflation**2 * refined.covariance)
 
-    def _proven(
-        self, pose: Pose, points: PointMatches, cameras: tuple[Camera, Camera], threshold: float
-    ) -> Pose | Failed:
+    def _beyond_chance(
+        self, pose: RelativePose, points: PointMatches, cameras: tuple[Camera, Camera]
+    ) -> RelativePose | Failed:
         """`pose`, if more of the points of the whole images agree on it than on poses of unrelated photographs.
 
-        Points of crops prove nothing: they were looked for where the matches put them.
+        Points of crops prove nothing: they were searched for where the matches put them.
         """
         focal = float(np.sqrt(cameras[0].focal * cameras[1].focal))
-        left, right = (camera.rays(side) for camera, side in zip(cameras, (points.left, points.right), strict=True))
-        across = np.array([1.0, 0.0, 0.0]) if pose.translation is None else pose.translation  # a turn fits any t
-        essential = geometry.cross_matrix(across) @ pose.rotation
-        agree = geometry.sampson_distance(essential, left, right) <= degeneracy.NOISE * threshold
+        rays = self._rays(points, cameras)
+        # without a translation any direction will do: a rotation alone satisfies all of them
+        direction = np.array([1.0, 0.0, 0.0]) if pose.translation is None else pose.translation
+        essential = geometry.cross_matrix(direction) @ pose.rotation
+        agree = rays.near(essential, self.config.pose.inlier)
         unit = np.diag([1 / focal, 1 / focal, 1.0])
-        flat = PointMatches(left * focal, right * focal, points.score)
-        chance = log_chance(unit @ essential @ unit, flat, agree, sample=5, models=10)
+        pixels = PointMatches(rays.left * focal, rays.right * focal, points.score)
+        chance = log_chance(unit @ essential @ unit, pixels, agree, sample=ESSENTIAL_SAMPLE, models=ESSENTIAL_MODELS)
         if chance <= CHANCE:
             return pose
         return Failed(
@@ -202,64 +198,53 @@ class PoseFinder:
             "on the best pose, which may be chance"
         )
 
-    def _rival(self, motion: Motion, left: Array, right: Array, threshold: float, seed: int) -> int:
-        """How many of the points that are far from agreeing with `motion` agree on another pose."""
-        far = geometry.sampson_distance(motion.essential, left, right) > 2 * degeneracy.NOISE * threshold
-        other = self.estimator.estimate(left[far], right[far], threshold, seed)
-        if isinstance(other, Failed):
-            return 0
-        distance = geometry.sampson_distance(other.essential, left[far], right[far])
-        return int((distance <= degeneracy.NOISE * threshold).sum())
+    def _rival(self, estimate: PoseEstimate, rays: RayPairs, seed: int) -> int:
+        """How many of the points that are far from agreeing with a pose agree on another one."""
+        inlier = self.config.pose.inlier
+        far = rays[rays.distance(estimate.essential) > 2 * inlier * rays.noise]
+        other = self.estimator.estimate(far.left, far.right, far.noise, seed)
+        return 0 if isinstance(other, Failed) else int(far.near(other.essential, inlier).sum())
 
-    def _threshold(self, cameras: tuple[Camera, Camera]) -> float:
-        """The noise of a point in units of rays. It grows with the px of the image per px of the frame that the point
-        was found in."""
+    def _rays(self, points: PointMatches, cameras: tuple[Camera, Camera]) -> RayPairs:
+        """Points as rays. Their noise grows with the px of the image per px of the frame that they were found in."""
         longest = max(max(camera.size) for camera in cameras)
         noise = self.config.pose.noise_px * max(1.0, longest / self.config.points.max_size)
-        return noise / float(np.sqrt(cameras[0].focal * cameras[1].focal))
+        left, right = (camera.rays(side) for camera, side in zip(cameras, (points.left, points.right), strict=True))
+        return RayPairs(left, right, noise / float(np.sqrt(cameras[0].focal * cameras[1].focal)))
 
     def _estimated_cameras(self, result: MatchResult) -> tuple[Camera, Camera] | Failed:
-        """Both cameras with the focal length that the points tell."""
+        """Both cameras with the focal length that follows from the points."""
         if isinstance(result.fundamental, Failed):
             return result.fundamental
         sizes = (result.left.width, result.left.height), (result.right.width, result.right.height)
         near = geometry.epipolar_inliers(
             result.fundamental, result.points.left, result.points.right, self.config.global_match.epipolar_px
         )
-        focal = focal_from_points(result.points[near], sizes, self.config.seed)
+        focal = focal_from_points(result.points[near], sizes, self.config.pose.focal, self.config.seed)
         if isinstance(focal, Failed):
             return focal
         return centred(focal[0], sizes[0], "estimated"), centred(focal[0], sizes[1], "estimated")
 
 
 def inconsistent_regions(
-    motion: Motion, left: Array, right: Array, region: NDArray[np.intp], threshold: float
+    estimate: PoseEstimate, rays: RayPairs, region: NDArray[np.intp], config: PoseConfig
 ) -> NDArray[np.intp]:
-    """Regions of which most points disagree with the motion (Sampson distance): they are not the same region, or it
-    moved. Judged as a whole, from `JUDGED` points on."""
-    agree = geometry.sampson_distance(motion.essential, left, right) <= degeneracy.NOISE * threshold
+    """Regions of which most points disagree with the pose (Sampson distance): a wrong match, or a thing that moved."""
+    agree = rays.near(estimate.essential, config.inlier)
     inside = region >= 0
     count = np.bincount(region[inside], minlength=1)
     good = np.bincount(region[inside], weights=agree[inside], minlength=1)
-    return np.flatnonzero((count >= JUDGED) & (good < AGREE * count))
+    return np.flatnonzero((count >= config.min_region_points) & (good < config.min_region_agreement * count))
 
 
-def places_of(points: Correspondences, size: tuple[int, int]) -> NDArray[np.intp]:
+def places_of(points: Correspondences, size: tuple[int, int], cells: int) -> NDArray[np.intp]:
     """(n,) the region of each point; for one without, its cell of the left image, below 0."""
-    return np.where(points.region >= 0, points.region, -1 - cell_of(points.points, size, CELLS))
+    return np.where(points.region >= 0, points.region, -1 - cell_of(points.points, size, cells))
 
 
-def _with_inliers(
-    refined: Refined,
-    left: Array,
-    right: Array,
-    chosen: Correspondences,
-    rejected: NDArray[np.intp],
-    threshold: float,
-) -> Refined:
-    """With the inliers of the refined pose: near their epipolar lines, before both cameras, in no rejected region."""
-    motion = refined.motion
-    inliers = geometry.sampson_distance(motion.essential, left, right) <= degeneracy.NOISE * threshold
-    inliers &= geometry.in_front(motion.rotation, motion.translation, left, right)
-    inliers &= ~np.isin(chosen.region, rejected)
-    return dataclasses.replace(refined, motion=dataclasses.replace(motion, inliers=inliers))
+def _with_inliers(refined: RefinedPose, rays: RayPairs, usable: NDArray[np.bool_], config: PoseConfig) -> RefinedPose:
+    """With the inliers of the refined pose: `usable`, near their epipolar lines, before both cameras."""
+    found = refined.estimate
+    inliers = rays.near(found.essential, config.inlier) & usable
+    inliers &= geometry.in_front(found.rotation, found.translation, rays.left, rays.right)
+    return dataclasses.replace(refined, estimate=dataclasses.replace(found, inliers=inliers))

@@ -1,4 +1,4 @@
-"""A relative pose with all that speaks for and against it, and `pose.json`."""
+"""A relative pose with its covariance, its flags and its points, and `pose.json`."""
 
 import dataclasses
 import json
@@ -18,7 +18,7 @@ from zpm2.model import Camera
 from zpm2.model.brief import brief
 from zpm2.pose.degeneracy import Degeneracy
 from zpm2.pose.points import Correspondences
-from zpm2.pose.refine import Refined
+from zpm2.pose.refine import RefinedPose
 from zpm2.runtime import package_version
 from zpm2.stereo.camera_check import doubts
 
@@ -26,37 +26,36 @@ Array = NDArray[np.float64]
 SCHEMA = "zpm2-pose/1"
 NAME = "pose.json"
 
-MEANING = {
+FLAG_MEANINGS = {
     "pure_rotation": "the camera only turned: there is no direction of translation",
     "planar_scene": "the scene is one plane: other poses may explain it as well (alternatives)",
-    "few_inliers": "few points agree, or few of those that there are",
+    "few_inliers": "few points agree, or a small share of them",
     "few_regions": "fewer than three matched regions hold points that agree",
     "ambiguous": "another pose explains half as many of the other points: repeated texture, or things that moved",
     "uncertain": "the direction of translation is not determined",
 }
-# with these a pose may be quite another one
-DOUBTS = frozenset({"planar_scene", "few_inliers", "few_regions", "ambiguous"})
+# with these the true pose may be quite another one
+DOUBTFUL_FLAGS = frozenset({"planar_scene", "few_inliers", "few_regions", "ambiguous"})
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class RelativePose:
     """The right camera seen from the left one: X_right = R X_left + s t, s > 0 unknown."""
 
     rotation: Array  # (3, 3)
     translation: Array | None  # (3,) of unit length; None where the camera only turned
     rotation_sigma: float | None  # degrees, one standard deviation; None where `doubtful`
     translation_sigma: float | None  # degrees, of the direction; None where `doubtful` or where there is none
-    covariance: (
-        Array | None
-    )  # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
-    flags: tuple[str, ...] = ()  # what speaks against it, see `MEANING`
+    # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
+    covariance: Array | None
+    flags: tuple[str, ...] = ()  # what speaks against it, see `FLAG_MEANINGS`
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t that explain a planar scene as well
 
     __repr__ = brief
 
     @property
     def sound(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether it has no flag."""
         return not self.flags
 
     @property
@@ -68,21 +67,21 @@ class Pose:
 
     @property
     def doubtful(self) -> bool:
-        """Whether it may be another pose altogether: then nothing says how far off it is."""
-        return not DOUBTS.isdisjoint(self.flags)
+        """Whether the true pose may be quite another one: then no standard deviation holds."""
+        return not DOUBTFUL_FLAGS.isdisjoint(self.flags)
 
     @staticmethod
-    def of(refined: Refined, seen: Degeneracy) -> "Pose":
-        """The refined motion with what its points cannot tell taken out."""
-        turned = seen.rotation_only
-        pose = Pose(
-            rotation=refined.motion.rotation if turned is None else turned,
-            translation=refined.motion.translation if turned is None else None,
+    def of(refined: RefinedPose, degeneracy: Degeneracy) -> "RelativePose":
+        """The refined pose without what its points do not determine."""
+        rotation = degeneracy.rotation_only
+        pose = RelativePose(
+            rotation=refined.estimate.rotation if rotation is None else rotation,
+            translation=refined.estimate.translation if rotation is None else None,
             rotation_sigma=refined.rotation_sigma,
-            translation_sigma=refined.translation_sigma if turned is None else None,
+            translation_sigma=refined.translation_sigma if rotation is None else None,
             covariance=refined.covariance,
-            flags=seen.flags,
-            alternatives=seen.alternatives,
+            flags=degeneracy.flags,
+            alternatives=degeneracy.alternatives,
         )
         if not pose.doubtful:
             return pose
@@ -94,7 +93,7 @@ class PoseResult:
     """The pose of a matched pair. Points are px of the original images, pixel centres at +0.5."""
 
     cameras: tuple[Camera, Camera] | Failed  # left, right
-    pose: Pose | Failed
+    pose: RelativePose | Failed
     points: Correspondences  # C, of which `region` are rows of `regions`
     inliers: NDArray[np.bool_]  # (n,) of `points`
     regions: Sequence[tuple[int, int]]  # ids of the matched polygons, left and right
@@ -134,26 +133,26 @@ class PoseResult:
         plane = np.linalg.inv(b.matrix) @ self.homography @ a.matrix
         if np.linalg.det(plane) < 0:
             return []
-        _, turns, moves, normals = cv2.decomposeHomographyMat(plane, np.eye(3))
+        _, rotations, translations, normals = cv2.decomposeHomographyMat(plane, np.eye(3))
         return [
-            (np.asarray(r), np.ravel(t), np.ravel(n)) for r, t, n in zip(turns, moves, normals, strict=True)
-        ]  # one row each
+            (np.asarray(r), np.ravel(t), np.ravel(n)) for r, t, n in zip(rotations, translations, normals, strict=True)
+        ]
 
     def all_warnings(self) -> list[str]:
         """Everything that a reader of the pose should know, in sentences."""
-        said = list(self.warnings)
+        warnings = list(self.warnings)
         if not isinstance(self.cameras, Failed):
             for side, camera in zip(("left", "right"), self.cameras, strict=True):
-                said += doubts(camera, f"the {side} camera")
+                warnings += doubts(camera, f"the {side} camera")
         if isinstance(self.pose, Failed):
-            return [*said, f"no pose: {self.pose}"]
-        said += [f"{name}: {MEANING[name]}" for name in self.pose.flags]
+            return [*warnings, f"no pose: {self.pose}"]
+        warnings += [f"{name}: {FLAG_MEANINGS[name]}" for name in self.pose.flags]
         if not isinstance(self.cameras, Failed):
             for side, camera in zip(("left", "right"), self.cameras, strict=True):
                 if camera.source in ("guess", "estimated"):
                     how = "guessed" if camera.source == "guess" else "estimated from the epipolar geometry"
-                    said.append(f"the focal length of the {side} camera, {camera.focal:.0f} px, is {how}")
-        return said
+                    warnings.append(f"the focal length of the {side} camera, {camera.focal:.0f} px, is {how}")
+        return warnings
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `pose.json` (schema "zpm2-pose/1")."""
@@ -186,7 +185,7 @@ class PoseResult:
             "warnings": self.all_warnings(),
         }
 
-    def _pose(self, pose: Pose) -> dict[str, Any]:
+    def _pose(self, pose: RelativePose) -> dict[str, Any]:
         essential, translation = pose.essential, self.translation
         return {
             "rotation": pose.rotation.tolist(),
@@ -201,7 +200,7 @@ class PoseResult:
         }
 
     def counts(self) -> dict[str, int]:
-        """How many points there were at each step."""
+        """How many points each step kept."""
         inside = self.points.region >= 0
         return {
             "found": self.found,

@@ -1,5 +1,5 @@
-"""A surface and cameras from photographs: a workspace for the polygon cloud, where nobody has made one yet."""
+"""Cameras and a surface from photographs: a workspace for the polygon cloud."""
 
-from zpm2.reconstruct.workspace import Options, claimed_names, reconstruct
+from zpm2.reconstruct.workspace import Reconstruction, claimed_names, reconstruct
 
-__all__ = ["Options", "claimed_names", "reconstruct"]
+__all__ = ["Reconstruction", "claimed_names", "reconstruct"]

@@ -1,4 +1,4 @@
-"""Depth maps of undistorted views by semi-global matching, where there is no GPU for patch matching."""
+"""Depth maps of undistorted views by semi-global matching, for COLMAP without a GPU for its PatchMatch."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.config import Config, ReconstructConfig
 from zpm2.errors import Failed
 from zpm2.files.record import refuse_foreign
 from zpm2.files.writing import atomic_write
@@ -17,14 +18,11 @@ from zpm2.geometry import sight_angles
 from zpm2.model import PosedCamera
 from zpm2.photos.images import read_image
 from zpm2.stereo.dense import semi_global
-from zpm2.stereo.rectified import rectify_views
+from zpm2.stereo.rectify import rectify_views
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
-ANGLES = 2.0, 35.0  # degrees between lines of sight of a pair: less is imprecise, more does not look alike
-BEST_ANGLE = 8.0  # degrees
-AGREE = 0.01  # of the depth: maps from different neighbours that differ less say the same
-SMOOTH = 2.0  # px, standard deviation of what normals are averaged over
+MIN_NORMAL = 0.1  # length of a mean of unit normals, below which they point anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,75 +47,83 @@ def read_sparse(folder: Path) -> tuple[list[SparseView], Array]:
     return [SparseView(name, camera, np.unique(seen[name])) for name, camera in posed.items()], points
 
 
-def write_depth_maps(dense: Path, count: int, tell: Callable[[str, float], None]) -> list[str]:
-    """Depth and normal maps of all views of an undistorted workspace of COLMAP, from `count` neighbours each, in its
-    format. Maps that are there already stay. Returns notes on views that got none."""
+def write_depth_maps(dense: Path, config: Config, tell: Callable[[str, float], None]) -> list[str]:
+    """Depth and normal maps of all views of an undistorted workspace of COLMAP, in its format. Existing maps are kept.
+    Returns notes on views that got none."""
     views, points = read_sparse(dense / "sparse")
     notes = []
     for k, view in enumerate(views):
         tell("depth", k / len(views))
         files = [dense / "stereo" / kind / f"{view.name}.geometric.bin" for kind in ("depth_maps", "normal_maps")]
         if all(file.is_file() for file in files):
-            for file in files:  # COLMAP believes the sizes in them
+            for file in files:  # COLMAP trusts the sizes in them
                 refuse_foreign(file)
             continue
-        depth = _depth(view, views, points, dense / "images", count)
+        depth = _depth(view, views, points, dense / "images", config)
         if isinstance(depth, Failed):
             notes.append(f"{view.name}: no depth: {depth}")
             width, height = view.camera.camera.size
             depth = np.full((height, width), np.nan, np.float32)
-        _write(files, depth, _normals(depth, view.camera))
+        _write(files, depth, _normals(depth, view.camera, config.reconstruct.normal_smoothing))
     tell("depth", 1.0)
     return notes
 
 
-def choose_neighbors(view: SparseView, views: Sequence[SparseView], points: Array, count: int) -> list[int]:
-    """Indices of the views that share most points with one, from directions that are not too near or too far apart."""
+def choose_neighbors(
+    view: SparseView, views: Sequence[SparseView], points: Array, config: ReconstructConfig
+) -> list[int]:
+    """Indices of the views that share most points with one, from directions that are neither too near nor too far
+    apart."""
     scores = []
     for k, other in enumerate(views):
         if other is view:
             continue
         common = points[np.intersect1d(view.points, other.points)]
-        if len(common) < 20:
+        if len(common) < config.min_common_points:
             continue
         angle = float(np.median(sight_angles(common, view.camera.center, other.camera.center)))
-        if ANGLES[0] <= angle <= ANGLES[1]:
-            scores.append((len(common) * min(1.0, angle / BEST_ANGLE), k))
-    return [k for _, k in sorted(scores, reverse=True)[:count]]
+        if config.min_angle <= angle <= config.max_angle:
+            scores.append((len(common) * min(1.0, angle / config.good_angle), k))
+    return [k for _, k in sorted(scores, reverse=True)[: config.neighbors]]
 
 
-def _depth(view: SparseView, views: Sequence[SparseView], points: Array, images: Path, count: int) -> Depth | Failed:
-    """(h, w) depth of a view; of three or more neighbours two must agree on it. Fusion compares the views later."""
+def _depth(
+    view: SparseView, views: Sequence[SparseView], points: Array, images: Path, config: Config
+) -> Depth | Failed:
+    """(h, w) depth of a view; of three or more neighbours `min_agreeing` must agree on it. Fusion compares the views
+    later."""
+    own = config.reconstruct
     reference = read_image(images / view.name)
     maps, reasons = [], []
-    for k in choose_neighbors(view, views, points, count):
-        pair = rectify_views(view.camera, views[k].camera, points[view.points])
+    for k in choose_neighbors(view, views, points, own):
+        pair = rectify_views(view.camera, views[k].camera, points[view.points], own.range_margin, config.stereo)
         if isinstance(pair, Failed):
             reasons.append(str(pair))
             continue
         left, right = pair.images(reference, read_image(images / views[k].name))
-        maps.append(pair.depth(semi_global(left, right, *pair.search)))
+        maps.append(pair.depth(semi_global(left, right, *pair.search, config.stereo)))
     if not maps:
         return Failed(reasons[0] if reasons else "no other view shares enough points from a usable angle")
-    return agreed(np.stack(maps), 2 if len(maps) > 2 else 1)
+    return agreed(np.stack(maps), own.depth_agreement, own.min_agreeing if len(maps) > 2 else 1)
 
 
-def agreed(maps: Depth, least: int) -> Depth:
-    """(n, h, w) depths -> (h, w) mean of the largest group within 1 % of one of them; NaN under `least` in it."""
+def agreed(maps: Depth, tolerance: float, min_count: int) -> Depth:
+    """(n, h, w) depths -> (h, w) mean of the largest group that lies within `tolerance`, a share, of one of them; NaN
+    where fewer than `min_count` are in it."""
     best = np.zeros(maps.shape[1:], np.int64)
     result = np.full(maps.shape[1:], np.nan, np.float32)
     for one in maps:
         with np.errstate(invalid="ignore"):
-            same = np.abs(maps - one) < AGREE * one
+            same = np.abs(maps - one) < tolerance * one
         number = same.sum(0)
         mean = np.where(same, maps, 0).sum(0) / np.maximum(number, 1)
         better = number > best
         best[better], result[better] = number[better], mean[better]
-    result[best < least] = np.nan
+    result[best < min_count] = np.nan
     return result
 
 
-def _normals(depth: Depth, camera: PosedCamera) -> Depth:
+def _normals(depth: Depth, camera: PosedCamera, smoothing: float) -> Depth:
     """(h, w, 3) unit normals in the camera's frame, towards the camera; 0 where they are not known."""
     height, width = depth.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -127,9 +133,9 @@ def _normals(depth: Depth, camera: PosedCamera) -> Depth:
     normal = np.cross(down, along)  # towards the camera: y points down
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
     normal = np.nan_to_num(normal)
-    smooth: Any = cv2.GaussianBlur(normal, (0, 0), SMOOTH)
+    smooth: Any = cv2.GaussianBlur(normal, (0, 0), smoothing)
     size = np.linalg.norm(smooth, axis=2, keepdims=True)
-    known = np.isfinite(depth)[..., None] & (size > 0.1)
+    known = np.isfinite(depth)[..., None] & (size > MIN_NORMAL)
     return np.where(known, smooth / np.maximum(size, 1e-12), 0).astype(np.float32)
 
 

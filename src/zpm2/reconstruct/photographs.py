@@ -1,4 +1,4 @@
-"""Photographs for COLMAP, which does not read all that we read, and not all of it alike."""
+"""Photographs for COLMAP, which reads fewer formats than we do, and some of them differently."""
 
 from pathlib import Path
 
@@ -8,16 +8,16 @@ import numpy as np
 from zpm2.formats.colmap import require_pycolmap
 from zpm2.photos.images import read_image
 
-ALIKE = 2.0  # grey levels: two decoders of one JPEG differ by less on average
+DECODER_DIFFERENCE = 2.0  # grey levels: two decoders of one JPEG differ by less on average
 
 
 def as_png(path: Path) -> bytes | None:
-    """The pixels of a photograph as PNG, black where there is no data; None where COLMAP sees the same in the file
-    itself, whose EXIF data it then has too. COLMAP knows a PNG whatever its file is called."""
+    """The pixels of a photograph as PNG, black where there is no data; None where COLMAP reads the same from the
+    file itself, and its EXIF data too. COLMAP recognises a PNG whatever its file is called."""
     image = read_image(path)
     bitmap = require_pycolmap().Bitmap.read(str(path), True)
     if bitmap is not None and image.valid is None and (bitmap.width, bitmap.height) == (image.width, image.height):
         seen = np.asarray(bitmap.to_array())
-        if np.abs(seen.astype(np.int16) - image.rgb).mean() < ALIKE:
+        if np.abs(seen.astype(np.int16) - image.rgb).mean() < DECODER_DIFFERENCE:
             return None
     return bytes(cv2.imencode(".png", cv2.cvtColor(image.rgb, cv2.COLOR_RGB2BGR))[1].tobytes())

@@ -6,21 +6,25 @@ from typing import Any
 
 import numpy as np
 
+from zpm2.config import ReconstructConfig
 from zpm2.errors import InputError
 from zpm2.files.record import made_folder, put, scratch
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.model import PosedCamera
 
-SEED = 0
+SEED = 0  # any: so that a reconstruction can be repeated
 
 
 def find_structure(
-    images: Path, names: Sequence[str], workspace: Path, known: Mapping[str, PosedCamera] | None, ordered: bool
+    images: Path,
+    names: Sequence[str],
+    workspace: Path,
+    known: Mapping[str, PosedCamera] | None,
+    config: ReconstructConfig,
 ) -> Path:
     """The model workspace/sparse/0 of the photographs `names` in `images`.
 
-    known: cameras by name; then only points are triangulated. ordered: the photographs are a sequence, and each is
-    matched with the next ones only. `InputError` where they do not hang together.
+    known: cameras by name; then only points are triangulated. `InputError` where the photographs share too little.
     """
     model = workspace / "sparse" / "0"
     if (model / "cameras.bin").is_file():
@@ -28,8 +32,8 @@ def find_structure(
     pycolmap = require_pycolmap()
     with scratch(workspace) as part:
         with colmap_can(f"find cameras and points of {images}"):
-            found = _reconstruct(pycolmap, images, names, part, known, ordered)
-        if found.num_points3D() < 10:
+            found = _reconstruct(pycolmap, images, names, part, known, config.ordered)
+        if found.num_points3D() < config.min_points:
             raise InputError(f"the photographs in {images} have {found.num_points3D()} points in common: too few")
         (part / "0").mkdir()
         with colmap_can(f"write the model {model}"):
@@ -46,7 +50,7 @@ def _reconstruct(
     known: Mapping[str, PosedCamera] | None,
     ordered: bool,
 ) -> Any:
-    """The model of most photographs; what COLMAP writes on the way goes to `part`."""
+    """The model with the most photographs; intermediate files of COLMAP go to `part`."""
     database, models = part / "database.db", part / "models"
     models.mkdir()
     mode = pycolmap.CameraMode.AUTO if known is None else pycolmap.CameraMode.PER_IMAGE
@@ -65,13 +69,13 @@ def _reconstruct(
         return pycolmap.triangulate_points(posed, database, images, models, options=mapping)
     found = pycolmap.incremental_mapping(database, images, models, options=mapping)
     if not found:
-        raise InputError(f"the photographs in {images} do not hang together: take them with more overlap")
+        raise InputError(f"the photographs in {images} are not connected: take them with more overlap")
     return max(found.values(), key=lambda r: r.num_reg_images())
 
 
 def _seeded(pycolmap: Any) -> tuple[Any, Any]:
     """Options of matching and of mapping that give the same model each time: the same samples, whichever thread draws
-    them, and one thread for adjustment, where more add up in another order each time."""
+    them, and one thread for the adjustment, as several add up in another order each time."""
     pycolmap.set_random_seed(SEED)
     verification, mapping = pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalPipelineOptions()
     for draws in (verification.ransac, mapping, mapping.mapper, mapping.triangulation):

@@ -1,7 +1,7 @@
 """Photographs in, a workspace out: images/, sparse/0, dense/, mesh.ply.
 
-A step whose file is there and usable is skipped. What a step made is looked at before it gets its name: what the next
-one could do nothing with is not kept.
+A step whose file exists and is usable is skipped. The result of a step is checked before it gets its name: one that the
+next step could not use is not kept.
 """
 
 import json
@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from zpm2.config import Config, ReconstructConfig
 from zpm2.errors import InputError
 from zpm2.files.keys import code, stamp
 from zpm2.files.listing import distinct_names, json_file
@@ -25,28 +26,16 @@ from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.photographs import as_png
 from zpm2.reconstruct.structure import find_structure
 
-LEAST = 100  # points that a surface is made of
-RECORD = 27  # bytes of a point in COLMAP's PLY: place and normal as float32, colour
-HEADER = 2000  # bytes, more than that PLY has before its points
-MORE = "give photographs that overlap more, or a larger --max-size, and another folder"
+POINT_BYTES = 27  # of a point in COLMAP's PLY: coordinates and normal as float32, colour
+HEADER_BYTES = 2000  # more than that PLY has before its points
+ADVICE = "give photographs that overlap more, or a larger --max-size, and another folder"
 IMAGES, CLAIM = "images", "reconstruct.json"
 NAMES = (CLAIM, "sparse", "dense", "fused.ply", "mesh.ply")  # beside the photographs
 
 
 @dataclass(frozen=True)
-class Options:
-    """Numbers of a reconstruction."""
-
-    max_size: int = 1600  # px, the longer side of the images that depth is computed on
-    neighbors: int = 3  # views that the depth of each view is computed from
-    ordered: bool = False  # the photographs are a sequence
-    poisson_depth: int = 11  # of the octree (Kazhdan and Hoppe 2013)
-    trim: float = 8.0  # octree depth of the sampling under which the surface is cut away
-
-
-@dataclass(frozen=True)
-class Reconstructed:
-    """What a reconstruction gave."""
+class Reconstruction:
+    """How much of the photographs a reconstruction used."""
 
     registered: int  # photographs with a camera
     photographs: int
@@ -57,61 +46,61 @@ class Reconstructed:
 def reconstruct(
     photographs: Sequence[Path],
     workspace: Path,
-    options: Options,
+    config: Config,
     known: Mapping[str, PosedCamera] | None = None,
     tell: Callable[[str, float], None] = lambda stage, share: None,
-) -> Reconstructed:
+) -> Reconstruction:
     """Reconstruct a workspace from photographs, or go on where an earlier run of the same was interrupted.
 
     Photographs of one name in two folders keep their sub-folders (`files.listing.distinct_names`); those that lie in
     the workspace's own images/ are used where they are.
 
-    known: cameras by these names, if they are known. Structure from motion, undistortion, fusion and Poisson meshing
-    are COLMAP's (pycolmap, the extra `colmap`); depth is its PatchMatch where its build has CUDA and a GPU is there,
-    else semi-global matching of rectified neighbours, of which at least two must agree. `InputError` where the
-    photographs do not hang together or give no surface, or the workspace is another reconstruction's; `OutputError`
-    where something in it that is no reconstruction's has one of its names.
+    config: its stages `reconstruct` and `stereo`. known: cameras by these names, if they are known. Structure from
+    motion, undistortion, fusion and Poisson meshing are COLMAP's (pycolmap, the extra `colmap`). Depth is COLMAP's
+    PatchMatch where its build has CUDA, else semi-global matching of rectified neighbours, of which several must agree.
+    `InputError` where the photographs are not connected or give no surface, or the workspace is another
+    reconstruction's; `OutputError` where a file in it that no reconstruction made has one of its names.
     """
-    pycolmap = require_pycolmap()
+    pycolmap, own = require_pycolmap(), config.reconstruct
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR
     names = distinct_names(photographs)
     if len(names) < 2 or len(set(names)) < len(names):
         raise InputError(
             f"there are {len(names)} photographs with {len(set(names))} names: give at least two, all named differently"
         )
-    _claim(workspace, photographs, options, known)
+    _claim(workspace, photographs, config, known)
     images = workspace / IMAGES
     if not _in_place(photographs, images):
         _link(photographs, names, made_folder(images))
     tell("structure", 0.0)
-    model = find_structure(images, names, workspace, known, options.ordered)
+    model = find_structure(images, names, workspace, known, own)
     tell("structure", 1.0)
     registered = open_model(model).num_reg_images()
     dense = workspace / "dense"
     if not (dense / "sparse" / "cameras.bin").is_file():
         undistort = pycolmap.UndistortCameraOptions()
-        undistort.max_image_size = options.max_size
+        undistort.max_image_size = own.max_size
         with scratch(workspace) as part:
             with colmap_can(f"undistort the photographs in {images}"):
                 pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
             made = sum(path.is_file() for path in (part / "dense" / IMAGES).rglob("*"))
             if made < registered:
-                raise InputError(f"COLMAP undistorted {made} of {registered} photographs only: see to {images}")
+                raise InputError(f"COLMAP undistorted only {made} of {registered} photographs: check {images}")
             put(part / "dense", dense)
-    notes = _depth(pycolmap, dense, options, tell)
+    notes = _depth(pycolmap, dense, config, tell)
     fused = workspace / "fused.ply"
-    if _points(fused) < LEAST:
+    if _points(fused) < own.min_fused_points:
         tell("fusion", 0.0)
-        _fuse(pycolmap, dense, fused)
+        _fuse(pycolmap, dense, fused, own)
         tell("fusion", 1.0)
     points, mesh = _points(fused), workspace / "mesh.ply"
     if not _has_faces(mesh):
         tell("mesh", 0.0)
-        _mesh(pycolmap, fused, mesh, options)
+        _mesh(pycolmap, fused, mesh, own)
         tell("mesh", 1.0)
     if registered < len(names):
         notes.append(f"{len(names) - registered} of {len(names)} photographs could not be oriented")
-    return Reconstructed(registered, len(names), points, tuple(notes))
+    return Reconstruction(registered, len(names), points, tuple(notes))
 
 
 def claimed_names(workspace: Path, photographs: Sequence[Path]) -> list[str]:
@@ -120,13 +109,13 @@ def claimed_names(workspace: Path, photographs: Sequence[Path]) -> list[str]:
 
 
 def _claim(
-    workspace: Path, photographs: Sequence[Path], options: Options, known: Mapping[str, PosedCamera] | None
+    workspace: Path, photographs: Sequence[Path], config: Config, known: Mapping[str, PosedCamera] | None
 ) -> None:
     """Makes a folder the workspace of these photographs, or goes on in it."""
     file = claim(workspace, claimed_names(workspace, photographs)) / CLAIM
     mine = {
         "photographs": {name: stamp(path) for name, path in zip(distinct_names(photographs), photographs, strict=True)},
-        "options": asdict(options),
+        "options": {"reconstruct": asdict(config.reconstruct), "stereo": asdict(config.stereo)},
         "cameras": None if known is None else {name: _values(camera) for name, camera in known.items()},
         "code": code(),
     }
@@ -151,8 +140,8 @@ def _in_place(photographs: Sequence[Path], images: Path) -> bool:
 
 
 def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> None:
-    """The photographs in the workspace: hard links, copies where the file system has none; as PNG what COLMAP does not
-    read as we do."""
+    """The photographs in the workspace: hard links, copies where the file system has none; as PNG where COLMAP does
+    not read the same pixels."""
     for path, name in zip(photographs, names, strict=True):
         target = folder / name
         for parent in reversed(Path(name).parents[:-1]):
@@ -170,9 +159,9 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
                     put(part / "photograph", target)
 
 
-def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, float], None]) -> list[str]:
+def _depth(pycolmap: Any, dense: Path, config: Config, tell: Callable[[str, float], None]) -> list[str]:
     if not pycolmap.has_cuda:
-        return write_depth_maps(dense, options.neighbors, tell)
+        return write_depth_maps(dense, config, tell)
     tell("depth", 0.0)
     with colmap_can(f"compute depth in {dense}"):
         pycolmap.patch_match_stereo(dense)
@@ -180,33 +169,34 @@ def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, fl
     return []
 
 
-def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
+def _fuse(pycolmap: Any, dense: Path, fused: Path, config: ReconstructConfig) -> None:
     views = sum(1 for _ in (dense / "stereo" / "depth_maps").rglob("*.geometric.bin"))
     options = pycolmap.StereoFusionOptions()
-    options.min_num_pixels, options.num_threads = min(3, views), 1  # threads would race for the points
+    options.min_num_pixels = min(config.fusion_views, views)
+    options.num_threads = 1  # several would race for the points
     if not pycolmap.has_cuda:
-        options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
+        options.max_normal_error = config.fusion_angle
     with scratch(fused.parent) as part:
         made = part / fused.name
         with colmap_can(f"fuse the depth maps in {dense}"):
             pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
         points = _points(made)
-        if points < LEAST:
-            raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {MORE}")
+        if points < config.min_fused_points:
+            raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {ADVICE}")
         put(made, fused)
 
 
-def _mesh(pycolmap: Any, fused: Path, mesh: Path, options: Options) -> None:
+def _mesh(pycolmap: Any, fused: Path, mesh: Path, config: ReconstructConfig) -> None:
     meshing = pycolmap.PoissonMeshingOptions()
-    meshing.depth, meshing.trim = options.poisson_depth, options.trim
-    meshing.num_threads = 1  # more add up in another order each time
+    meshing.depth, meshing.trim = config.poisson_depth, config.trim
+    meshing.num_threads = 1  # several add up in another order each time
     with scratch(mesh.parent) as part:
         made = part / mesh.name
         with colmap_can(f"make a surface of {fused}"):
             pycolmap.poisson_meshing(fused, made, meshing)
         if not _has_faces(made):
             points = _points(fused)
-            raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {MORE}")
+            raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {ADVICE}")
         put(made, mesh)
 
 
@@ -215,9 +205,9 @@ def _points(fused: Path) -> int:
     if not fused.is_file():
         return 0
     with fused.open("rb") as file:
-        found = re.search(rb"^element vertex (\d{1,18})$", file.read(HEADER), re.MULTILINE)
+        found = re.search(rb"^element vertex (\d{1,18})$", file.read(HEADER_BYTES), re.MULTILINE)
     number = int(found[1]) if found is not None else 0
-    return number if fused.stat().st_size > number * RECORD else 0
+    return number if fused.stat().st_size > number * POINT_BYTES else 0
 
 
 def _has_faces(mesh: Path) -> bool:

@@ -1,4 +1,4 @@
-"""A surface from a rectified pair alone: disparity by semi-global matching, or a given one, as a mesh.
+"""Disparity of a rectified pair by semi-global matching.
 
 Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as OpenCV has it.
 """
@@ -10,39 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from zpm2.config import StereoConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import Image
 
 Array = NDArray[np.float64]
 Disparity = NDArray[np.float32]
-CHECK = 1.0  # px by which the disparities of both images may differ
-SPECKLE = 200  # px, smaller patches of disparity are noise
-SMOOTH = 3.0  # px, standard deviation
-TELLING, APART, AGREE = (
-    30,
-    5.0,
-    0.25,
-)  # points, px and share of points, from which a given map counts as that of the pair
+SUBPIXEL = 16  # OpenCV's disparities are in 1/16 px, and searched in groups of 16
+# A given map is that of another pair or scale, where of so many points fewer than this share lie within so many px.
+FOREIGN_MAP_POINTS, FOREIGN_MAP_PX, FOREIGN_MAP_SHARE = 30, 5.0, 0.25
 
 
-def semi_global(left: Image, right: Image, low: int, high: int) -> Disparity:
+def semi_global(left: Image, right: Image, low: int, high: int, config: StereoConfig) -> Disparity:
     """(h, w) px, left x - right x, NaN where it is not known: SGBM over [low, high] px, both images' maps compared.
 
     Both photographs must have the same size.
     """
-    count = -(-(high - low + 1) // 16) * 16
+    count = -(-(high - low + 1) // SUBPIXEL) * SUBPIXEL
     grey = [cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-    window = 5
+    small = grey[0].size < config.all_directions
     matcher: Any = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,
-        blockSize=window,
-        P1=8 * window**2,
-        P2=32 * window**2,
-        disp12MaxDiff=-1,
-        preFilterCap=31,
-        uniquenessRatio=5,
-        mode=cv2.STEREO_SGBM_MODE_HH if grey[0].size < 4_000_000 else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        blockSize=config.window,
+        P1=config.small_step * config.window**2,
+        P2=config.large_step * config.window**2,
+        disp12MaxDiff=-1,  # both maps are compared here, of the whole images
+        preFilterCap=config.prefilter,
+        uniquenessRatio=config.uniqueness,
+        mode=cv2.STEREO_SGBM_MODE_HH if small else cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
     maps = []
     for side in (0, 1):  # the right map: both images mirrored and exchanged
@@ -50,48 +46,55 @@ def semi_global(left: Image, right: Image, low: int, high: int) -> Disparity:
         border = ((0, 0), (max(0, low + count), max(0, -low)))  # columns at the border have a partner beyond it
         a, b = (np.pad(np.ascontiguousarray(x), border, mode="edge") for x in (a, b))
         found = matcher.compute(a, b)[:, border[1][0] : border[1][0] + grey[0].shape[1]].astype(np.float32)
-        found[found < 16 * low] = np.nan
-        maps.append(found / 16 if side == 0 else (found / 16)[:, ::-1])
+        found[found < SUBPIXEL * low] = np.nan
+        maps.append(found / SUBPIXEL if side == 0 else (found / SUBPIXEL)[:, ::-1])
     for found, image in zip(maps, (left, right), strict=True):
         if image.valid is not None:
             found[~image.valid] = np.nan
-    disparity = _checked(maps[0], maps[1])
-    whole = np.where(np.isfinite(disparity), disparity * 16, (low - 1) * 16).astype(np.int16)
-    cv2.filterSpeckles(whole, (low - 1) * 16, SPECKLE, 16)
-    disparity[whole == (low - 1) * 16] = np.nan
-    return _smoothed(disparity)
+    disparity = _consistent(maps[0], maps[1], config.left_right)
+    unknown = (low - 1) * SUBPIXEL
+    whole = np.where(np.isfinite(disparity), disparity * SUBPIXEL, unknown).astype(np.int16)
+    cv2.filterSpeckles(whole, unknown, config.speckle, SUBPIXEL)
+    disparity[whole == unknown] = np.nan
+    return _smoothed(disparity, config)
 
 
-def _smoothed(disparity: Disparity) -> Disparity:
-    """Without the steps of whole pixels and the noise between them: a mean over `SMOOTH` px of what differs by a pixel
-    or so (bilateral filter), so that edges stay."""
+def _smoothed(disparity: Disparity, config: StereoConfig) -> Disparity:
+    """Without the steps of whole pixels and the noise between them. The filter is bilateral: it averages disparities
+    that differ by a pixel or so, and edges stay."""
     known = np.isfinite(disparity)
     if not known.any():
         return disparity
     nearest: Any = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     whole = np.ascontiguousarray(disparity[tuple(nearest)])
-    return np.where(known, cv2.bilateralFilter(whole, 0, 1.0, SMOOTH), np.nan).astype(np.float32)
+    smooth = cv2.bilateralFilter(whole, 0, config.smooth_range, config.smooth)
+    return np.where(known, smooth, np.nan).astype(np.float32)
 
 
-def _checked(left: Disparity, right: Disparity) -> Disparity:
-    """The left map where the right one says the same."""
+def _consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity:
+    """The left map where the right one agrees within `tolerance` px."""
     height, width = left.shape
     x = np.arange(width)[None] + 0.5 - np.where(np.isfinite(left), left, 0)
     column = np.floor(x).astype(np.intp)
     inside = np.isfinite(left) & (column >= 0) & (column < width)
     other = right[np.arange(height)[:, None], np.clip(column, 0, width - 1)]
     with np.errstate(invalid="ignore"):
-        return np.where(inside & (np.abs(left - other) <= CHECK), left, np.nan).astype(np.float32)
+        return np.where(inside & (np.abs(left - other) <= tolerance), left, np.nan).astype(np.float32)
 
 
-def disparity_range(differences: Array, width: int) -> tuple[int, int] | Failed:
-    """[low, high] px of the search, from left x - right x of homologous points, a tenth wider on both sides."""
-    if len(differences) < 8:
-        return Failed(f"only {len(differences)} homologous points tell where to look for disparities")
-    low, high = np.percentile(differences, [1, 99])
-    margin = max(0.1 * (high - low), 8.0)
-    low, high = int(np.floor(low - margin)), int(np.ceil(high + margin))
-    if high - low > width / 2:
+def robust_range(disparities: Array, margin: float, config: StereoConfig) -> tuple[float, float, float]:
+    """px: least and greatest of (n,) disparities without outliers, and by how much to search beyond them."""
+    low, high = np.percentile(disparities, [100 * config.outliers, 100 - 100 * config.outliers])
+    return float(low), float(high), max(margin * float(high - low), config.min_range_margin)
+
+
+def disparity_range(differences: Array, width: int, config: StereoConfig) -> tuple[int, int] | Failed:
+    """[low, high] px of the search, from left x - right x of homologous points in images of `width` px."""
+    if len(differences) < config.min_range_points:
+        return Failed(f"only {len(differences)} homologous points show which disparities to search")
+    near, far, margin = robust_range(differences, config.range_margin, config)
+    low, high = int(np.floor(near - margin)), int(np.ceil(far + margin))
+    if high - low > config.max_range * width:
         return Failed(f"disparities from {low} to {high} px: this is no rectified pair")
     return low, high
 
@@ -102,7 +105,7 @@ def refuse_other_disparity(disparity: Disparity, left: Array, right: Array) -> N
     row, column = np.floor(left[:, 1]).astype(np.intp), np.floor(left[:, 0]).astype(np.intp)
     there, seen = disparity[row, column], left[:, 0] - right[:, 0]
     there, seen = there[np.isfinite(there)], seen[np.isfinite(there)]
-    if len(there) < TELLING or (np.abs(there - seen) < APART).mean() > AGREE:
+    if len(there) < FOREIGN_MAP_POINTS or (np.abs(there - seen) < FOREIGN_MAP_PX).mean() > FOREIGN_MAP_SHARE:
         return
     raise InputError(
         f"the disparity map does not fit the matches: it has {np.median(there):.1f} px where they have "

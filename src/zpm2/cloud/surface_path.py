@@ -1,10 +1,10 @@
-"""Polygon edges of projection surface (paper 3.5.2): from point to point along a surface, triangle by triangle.
+"""Polygon edges of projection surface (paper 3.5.2): paths from point to point along a surface, triangle by triangle.
 
-The walk follows the section of the surface with the plane of the camera's centre and the two points, which in the image
-is the straight edge between them. The paper turns towards the target anew in each triangle's plane (its steps 1 to 4);
-that path depends on the order of the corners and may circle, where a plane's section does neither: it enters a triangle
-through one edge and leaves it through another, and which ones is decided by the sides of the plane on which the corners
-lie. A corner on the plane counts as above it, so that a walk through a vertex or along an edge is as any other. Every
+A path is the section of the surface with the plane of the camera's centre and the two points, which in the image is the
+straight edge between them. The paper turns towards the target anew in each triangle's plane (its steps 1 to 4); that
+path depends on the order of the corners and may circle. A plane's section does neither: it enters a triangle through
+one edge and leaves it through another, and the sides of the plane on which the corners lie decide through which. A
+corner on the plane counts as above it, so that a path through a vertex or along an edge needs no special case. Every
 crossing is interpolated between the two ends of its edge: it lies on the surface, and so does the segment between two
 crossings, as both are on one triangle.
 """
@@ -14,46 +14,51 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.cloud.surface import Surface
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.config import CloudConfig
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-LONGEST = 4.0  # of the straight distance: a walk that is longer went around something
-ARRIVED, BORDER, LOST, LONG = range(4)  # how a walk ended: the last three at a border, without an edge, too long
+# how a path ended: at its target, at a border of the surface, without an edge to cross, too long
+ARRIVED, AT_BORDER, NO_EDGE, TOO_LONG = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Walks:
-    """k walks, all crossings one after the other: those of walk i are rows start[i] to start[i + 1]."""
+class SurfacePaths:
+    """k paths, all crossings one after the other: those of path i are rows start[i] to start[i + 1]."""
 
     start: Indices  # (k + 1,)
-    points: Array  # (c, 3) where the walks cross edges, in the surface's coordinates
+    points: Array  # (c, 3) where the paths cross edges, in the surface's coordinates
     faces: Indices  # (c,) the triangle that each crossing leads into
-    ended: Indices  # (k,) `ARRIVED`, or why not; what is not arrived has no crossings
+    ended: Indices  # (k,) `ARRIVED`, or why not; such paths have no crossings
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
-        """(k,) which walks reached their target."""
+        """(k,) which paths reached their target."""
         return np.asarray(self.ended == ARRIVED)
 
     def of(self, row: int) -> tuple[Array, Indices]:
-        """The crossings of one walk and the triangles that they lead into."""
+        """The crossings of one path and the triangles that they lead into."""
         rows = slice(self.start[row], self.start[row + 1])
         return self.points[rows], self.faces[rows]
 
 
-def walk(
-    surface: Surface, begin: tuple[Indices, Array], target: tuple[Indices, Array], centers: Array, limit: int = 20000
-) -> Walks:
+def trace_paths(
+    surface: SurfaceMesh,
+    begin: tuple[Indices, Array],
+    target: tuple[Indices, Array],
+    centers: Array,
+    config: CloudConfig,
+) -> SurfacePaths:
     """From each of k points to each of k others.
 
-    begin, target: (k,) triangles and (k, 3) points on them. centers: (k, 3) the camera's centre. All walks take a step
-    at a time together, so that a step costs a few array operations. A walk ends where it arrives, at a border, after
-    `limit` crossings, or when it is `LONGEST` times as long as the straight way.
+    begin, target: (k,) triangles and (k, 3) points on them. centers: (k, 3) the camera's centre. All paths advance
+    together by one crossing, so that a step costs a few array operations. A path ends where it arrives, at a border,
+    after `max_crossings`, or when it is `max_path` times as long as the straight distance.
     """
     count = len(begin[0])
     normal = _plane(begin[1], target[1], centers)
-    ended = np.full(count, LOST, np.int64)
+    ended = np.full(count, NO_EDGE, np.int64)
     straight = np.linalg.norm(target[1] - begin[1], axis=1)
     rows: list[Indices] = []
     points: list[Array] = []
@@ -63,11 +68,11 @@ def walk(
     active = np.flatnonzero(~here & (np.linalg.norm(normal, axis=1) > 0))
     face, place = begin[0][active], begin[1][active]
     length, entry = np.zeros(len(active)), np.full(len(active), -1, np.int64)
-    for _ in range(limit):
+    for _ in range(config.max_crossings):
         if len(active) == 0:
             break
         crossed, at = _crossings(surface, face, normal[active], begin[1][active])
-        crossed[np.arange(len(active)), entry] &= entry < 0  # not back through the edge that it came by
+        crossed[np.arange(len(active)), entry] &= entry < 0  # not back through the edge that it came through
         ahead = np.einsum("nki,ni->nk", at - place[:, None], target[1][active] - place)
         ahead[~crossed] = -np.inf
         leave = ahead.argmax(1)
@@ -76,8 +81,8 @@ def walk(
         point = at[each, leave]
         following = surface.neighbors[face, leave]
         length = length + np.linalg.norm(point - place, axis=1)
-        long = length > LONGEST * straight[active] + 1e-12
-        ended[active] = np.select([~possible, long, following < 0], [LOST, LONG, BORDER], LOST)
+        long = length > config.max_path * straight[active] + 1e-12
+        ended[active] = np.select([~possible, long, following < 0], [NO_EDGE, TOO_LONG, AT_BORDER], NO_EDGE)
         goes = possible & (following >= 0) & ~long
         rows.append(active[goes])
         points.append(point[goes])
@@ -98,7 +103,7 @@ def _plane(first: Array, second: Array, centers: Array) -> Array:
     return np.where(size > 1e-14 * scale, normal / np.maximum(size, 1e-300), 0.0)
 
 
-def _crossings(surface: Surface, face: Indices, normal: Array, through: Array) -> tuple[NDArray[np.bool_], Array]:
+def _crossings(surface: SurfaceMesh, face: Indices, normal: Array, through: Array) -> tuple[NDArray[np.bool_], Array]:
     """(k, 3) which edges of a triangle each plane crosses, and (k, 3, 3) where."""
     corners = surface.vertices[surface.faces[face]]
     height = np.einsum("nki,ni->nk", corners - through[:, None], normal)
@@ -109,17 +114,20 @@ def _crossings(surface: Surface, face: Indices, normal: Array, through: Array) -
     return crossed, corners + share[..., None] * (other - corners)
 
 
-def _edge_of(surface: Surface, face: Indices, neighbor: Indices) -> Indices:
+def _edge_of(surface: SurfaceMesh, face: Indices, neighbor: Indices) -> Indices:
     """(k,) the edge of `face` behind which `neighbor` lies; -1 for no face."""
     edges = surface.neighbors[np.maximum(face, 0)] == neighbor[:, None]
     return np.where(face >= 0, edges.argmax(1), -1)
 
 
-def _gathered(count: int, rows: list[Indices], points: list[Array], faces: list[Indices], ended: Indices) -> Walks:
+def _gathered(
+    count: int, rows: list[Indices], points: list[Array], faces: list[Indices], ended: Indices
+) -> SurfacePaths:
+
     row = np.concatenate([np.zeros(0, np.int64), *rows])
     point, face = np.concatenate([np.zeros((0, 3)), *points]), np.concatenate([np.zeros(0, np.int64), *faces])
     keep = ended[row] == ARRIVED
     row, point, face = row[keep], point[keep], face[keep]
     order = np.argsort(row, kind="stable")  # steps were taken in order
     start = np.searchsorted(row[order], np.arange(count + 1))
-    return Walks(start, point[order], face[order], ended)
+    return SurfacePaths(start, point[order], face[order], ended)

@@ -10,29 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.cloud.export import DARKER, TUBE, tubes
-from zpm2.cloud.patch import Patch
+from zpm2.cloud.export import BOUNDARY_SHADE, TUBE_RADIUS, tubes
+from zpm2.cloud.patch import SurfacePatch
 from zpm2.cloud.result import PolygonCloud
 from zpm2.cloud.surface import crosses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-ABOVE = 4e-4, 8e-4  # of the extent: between the surface, a patch, and a part of it; where triangles are fewer
-OVER = 0.02  # of a patch's area: less in common with another does not count
-WHOLE = 0.999  # of a triangle is covered: it is not shown
-AROUND = 0.75  # of the extent: what is farther from the middle is not shown
-PALE = (206, 206, 206)
-SURFACE = -1  # in the place of a patch's id
+# of the extent, between the surface, a patch, and a part of it: of all triangles, and of fewer
+LAYER_HEIGHT, COARSE_LAYER_HEIGHT = 4e-4, 8e-4
+MIN_COMMON = 0.02  # of a patch's area: patches that have less in common are in one layer
+FULLY_COVERED = 0.999  # of a triangle: it is not shown
+SHOWN_RADIUS = 0.75  # of the extent: what is farther from the middle is not shown
+MIN_PATCH_FACES = 20  # of a patch that is shown with fewer triangles
+SURFACE_COLOR = (206, 206, 206)
+NO_PATCH = -1  # in the place of a patch's id
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class DisplayMesh:
     """Triangles to show, in the surface's coordinates."""
 
     vertices: Array  # (n, 3)
     faces: Indices  # (m, 3)
-    ids: Indices  # (m,) the patch of each, `SURFACE` for none
+    ids: Indices  # (m,) the patch of each, `NO_PATCH` for none
     colors: Colors  # (m, 3)
     tube: NDArray[np.bool_]  # (m,) whether it is part of a boundary
     box: tuple[Array, Array]  # (3,) each, least and greatest coordinates of most of what the photographs show
@@ -50,30 +52,32 @@ class Scene:
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
 
-def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
-    """The scene of a cloud; surface and patches with at most about `most` triangles each, if given."""
+def display_mesh(cloud: PolygonCloud, max_faces: int | None = None) -> DisplayMesh:
+    """What to show of a cloud; surface and patches with at most about `max_faces` triangles each, if given."""
     low, high = cloud.box
-    above = ABOVE[0 if most is None else 1]
+    height = LAYER_HEIGHT if max_faces is None else COARSE_LAYER_HEIGHT
     center, extent = (low + high) / 2, float(np.linalg.norm(high - low))
-    parts = [(*_surface(cloud, center, AROUND * extent, most), SURFACE, np.array(PALE, np.uint8), False)]
+    around = _surface(cloud, center, SHOWN_RADIUS * extent, max_faces)
+    parts = [(*around, NO_PATCH, np.array(SURFACE_COLOR, np.uint8), False)]
+
     total = sum(len(patch.patch.faces) for patch in cloud.patches)
     for polygon, rgb, layer in zip(cloud.patches, cloud.colors, _layers(cloud), strict=True):
-        lift = layer * above * extent
+        lift = layer * height * extent
         patch = polygon.patch
         normals = _vertex_normals(patch)
         floating = patch.vertices + lift * normals
         faces = patch.faces
-        if most is not None and total > most:
-            floating, faces = clustered(floating, faces, max(20, most * len(faces) // total))
+        if max_faces is not None and total > max_faces:
+            floating, faces = clustered(floating, faces, max(MIN_PATCH_FACES, max_faces * len(faces) // total))
         parts.append((floating, faces, polygon.id, rgb, False))
-        tree, raised = cKDTree(patch.vertices), lift + above * extent / 2
+        tree, raised = cKDTree(patch.vertices), lift + height * extent / 2
         rings = [ring.points + raised * normals[tree.query(ring.points)[1]] for ring in polygon.rings]
-        line = tubes(rings, TUBE * extent)
-        parts.append((*line, polygon.id, (rgb * DARKER).astype(np.uint8), True))
+        line = tubes(rings, TUBE_RADIUS * extent)
+        parts.append((*line, polygon.id, (rgb * BOUNDARY_SHADE).astype(np.uint8), True))
     start = np.cumsum([0, *(len(v) for v, *_ in parts)])
     count = [len(f) for _, f, *_ in parts]
     towards = np.mean([_unit(view.camera.center - cloud.surface.origin - center) for view in cloud.views], axis=0)
-    return Scene(
+    return DisplayMesh(
         vertices=np.concatenate([v for v, *_ in parts]),
         faces=np.concatenate([f + first for (_, f, *_), first in zip(parts, start, strict=False)]),
         ids=np.repeat([i for _, _, i, *_ in parts], count),
@@ -85,13 +89,13 @@ def scene(cloud: PolygonCloud, most: int | None = None) -> Scene:
     )
 
 
-def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indices]:
-    """A mesh with fewer triangles, about `most`: vertices of one cell of a grid become their mean (Rossignac and
+def clustered(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array, Indices]:
+    """A mesh with fewer triangles, about `max_faces`: vertices of one cell of a grid become their mean (Rossignac and
     Borrel, Multi-resolution 3D approximations, 1993)."""
-    if len(faces) <= most:
+    if len(faces) <= max_faces:
         return vertices, faces
     area = float(np.linalg.norm(crosses(vertices[faces]), axis=1).sum() / 2)
-    cell = (2 * area / most) ** 0.5
+    cell = (2 * area / max_faces) ** 0.5
     key = np.floor((vertices - vertices.min(0)) / cell).astype(np.int64)
     _, of, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     of = of.ravel()
@@ -102,19 +106,19 @@ def clustered(vertices: Array, faces: Indices, most: int) -> tuple[Array, Indice
     return means, fewer[real][np.sort(first)]
 
 
-def _surface(cloud: PolygonCloud, center: Array, radius: float, most: int | None) -> tuple[Array, Indices]:
-    """The surface around without what patches cover, so that patches can be seen from behind too."""
+def _surface(cloud: PolygonCloud, center: Array, radius: float, max_faces: int | None) -> tuple[Array, Indices]:
+    """The surface without what patches cover, so that patches can be seen from behind too."""
     surface = cloud.surface
-    covered = np.asarray(cloud.shares.sum(axis=0)).ravel()
+    covered = np.asarray(cloud.covered_shares.sum(axis=0)).ravel()
     near = np.linalg.norm(surface.vertices - center, axis=1) < radius
-    faces = surface.faces[near[surface.faces].all(1) & (covered < WHOLE)]
+    faces = surface.faces[near[surface.faces].all(1) & (covered < FULLY_COVERED)]
     used, inverse = np.unique(faces, return_inverse=True)
     vertices, faces = surface.vertices[used], inverse.reshape(-1, 3)
-    return (vertices, faces) if most is None else clustered(vertices, faces, most)
+    return (vertices, faces) if max_faces is None else clustered(vertices, faces, max_faces)
 
 
-def _vertex_normals(patch: Patch) -> Array:
-    """(n, 3) unit means of the normals around, by area."""
+def _vertex_normals(patch: SurfacePatch) -> Array:
+    """(n, 3) unit means of the normals around each vertex, by area."""
     across = np.repeat(patch.normals * patch.areas[:, None], 3, axis=0)
     corner, n = patch.faces.ravel(), len(patch.vertices)
     sums = np.stack([np.bincount(corner, across[:, k], n) for k in range(3)], axis=1)
@@ -122,13 +126,13 @@ def _vertex_normals(patch: Patch) -> Array:
 
 
 def _layers(cloud: PolygonCloud) -> list[int]:
-    """For each patch how many layers lie under it: one more than under any larger one that it covers a part of."""
-    covers = cloud.shares
+    """For each patch how many layers lie under it: one more than under any larger one that it partly covers."""
+    covers = cloud.covered_shares
     both = (covers @ covers.multiply(cloud.surface.areas).T.tocsr()).tocsr()
     layer: list[int] = []
     for k, patch in enumerate(cloud.patches):  # by descending area
         row = slice(both.indptr[k], both.indptr[k + 1])
-        under = both.indices[row][both.data[row] > OVER * patch.patch.area]
+        under = both.indices[row][both.data[row] > MIN_COMMON * patch.patch.area]
         layer.append(1 + max((layer[j] for j in under if j < k), default=0))
     return layer
 

@@ -5,24 +5,24 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
+from zpm2.config import CloudConfig
 from zpm2.polygons.repair import largest
 
 Array = NDArray[np.float64]
-CELLS = 10_000  # samples of a polygon, about; larger polygons have a coarser grid
 
 
-class Shrinker:
+class PolygonScaler:
     """A polygon at scales s in (0, 1]; at 1 it is the polygon itself.
 
-    The paper scales about the centroid. That stays inside only where the whole boundary is seen from the centroid; for
-    other polygons (concave ones, and those with holes, which would grow into the ring) the boundary is moved inwards
+    The paper scales about the centroid. That stays inside only where the whole boundary is seen from the centroid. The
+    boundary of other polygons (concave ones, and those with holes, which would grow into the ring) is moved inwards
     instead, by (1 - s) of the radius of the largest circle inside. Where that cuts a polygon into pieces, the largest
     one counts.
     """
 
     def __init__(self, polygon: shapely.Polygon) -> None:
         self.polygon = polygon
-        self.radial = not polygon.interiors and _seen_from_centroid(polygon)
+        self.radial = not polygon.interiors and _star_shaped(polygon)
         self.depth = 0.0 if self.radial else float(shapely.maximum_inscribed_circle(polygon).length)
 
     def at(self, scale: float) -> shapely.Polygon:
@@ -45,9 +45,9 @@ def densified(ring: Array, step: float) -> Array:
     return np.asarray(ring[edge] * (1 - share) + following[edge] * share)
 
 
-def spacing(shape: shapely.Polygon, least: float) -> float:
-    """px between samples of a polygon: `least`, and more for large ones, so that there are about `CELLS` of them."""
-    return max(least, float(shape.area / CELLS) ** 0.5)
+def sample_spacing(shape: shapely.Polygon, config: CloudConfig) -> float:
+    """px between samples of a polygon: `step`, and more for large ones, so that there are about `max_samples`."""
+    return max(config.step, float(shape.area / config.max_samples) ** 0.5)
 
 
 def rings_of(polygon: shapely.Polygon) -> list[Array]:
@@ -57,8 +57,8 @@ def rings_of(polygon: shapely.Polygon) -> list[Array]:
     return [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
 
 
-def _seen_from_centroid(polygon: shapely.Polygon) -> bool:
-    """Whether the polygon is star-shaped about its centroid: every side turns around it the same way."""
+def _star_shaped(polygon: shapely.Polygon) -> bool:
+    """Whether the centroid sees the whole boundary: every side turns around it the same way."""
     ring = rings_of(polygon)[0] - np.array(polygon.centroid.coords[0])
     following = np.roll(ring, -1, axis=0)
     turn = ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]

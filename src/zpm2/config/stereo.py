@@ -1,0 +1,42 @@
+"""Rectified pairs: epipolar rectification and dense disparity."""
+
+from dataclasses import dataclass
+
+from zpm2.config.fields import number, share
+
+
+@dataclass(frozen=True)
+class StereoConfig:
+    """Epipolar rectification, and disparity by semi-global matching (Hirschmueller, PAMI 2008; OpenCV's SGBM)."""
+
+    rectified_size: float = number(2.0, "largest side of a rectified image, times the longer side of the original")
+    max_turn: float = number(
+        60.0, "by which rectification may turn a view, and rays be seen in it", unit="degrees", high=89.0
+    )
+    max_forward: float = share(
+        0.5, "cosine of baseline and optical axis beyond which posed views (zpm2 reconstruct) are not rectified"
+    )
+    min_ray_depth: float = share(
+        0.1, "depth in the rectified frame of a ray of unit depth at the border of a posed view; else not rectified"
+    )
+    window: int = number(5, "side of the blocks of SGBM", unit="px", low=1, high=21, odd=True)
+    small_step: int = number(
+        8, "P1 per window px, the price of a change of disparity by one", source="OpenCV's documentation of SGBM"
+    )
+    large_step: int = number(32, "P2, the price of a larger change", source="the same")
+    prefilter: int = number(31, "largest horizontal derivative that counts", high=1000)
+    uniqueness: int = number(5, "by which the best disparity must win over the second best", unit="%", high=100)
+    all_directions: int = number(
+        4_000_000, "images of fewer pixels are matched along eight directions, larger ones along three", unit="px"
+    )
+    left_right: float = number(1.0, "difference of the disparities of both images up to which they agree", unit="px")
+    speckle: int = number(200, "smaller patches of disparity are taken for noise", unit="px")
+    smooth: float = number(3.0, "standard deviation in the image of the bilateral filter", unit="px")
+    smooth_range: float = number(1.0, "standard deviation in disparity of the same, so that edges stay", unit="px")
+    outliers: float = share(
+        0.01, "homologous points at either end that do not count for the range of the search", high=0.4
+    )
+    range_margin: float = number(0.1, "by which the search is wider than the points at either end, times their range")
+    min_range_margin: float = number(8.0, "the same at least", unit="px")
+    min_range_points: int = number(8, "homologous points that a range of the search needs", low=1)
+    max_range: float = share(0.5, "widest search, of the width of the image: beyond, the pair is not rectified")
