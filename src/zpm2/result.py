@@ -17,7 +17,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from zpm2._version import __version__
-from zpm2.config import Config
+from zpm2.config import recorded
 from zpm2.errors import Failed, InputError
 from zpm2.files.places import find, place
 from zpm2.files.reading import WRONG, read_json
@@ -97,7 +97,10 @@ class MatchResult:
         pairs = self._pairs()
         confidence = np.array([match.confidence for match in self.matches], np.float64)
         sizes = (self.left.width, self.left.height), (self.right.width, self.right.height)
-        kept = exclusive(pairs, confidence, self._maps(pairs), sizes, _option(self.config, "segment", "min_area"))
+        config = recorded(self.config)
+        kept = exclusive(
+            pairs, confidence, self._maps(pairs), sizes, config.segment.min_area, config.local_match.exclusive
+        )
         matches = [
             dataclasses.replace(match, nodes=np.zeros((0, 2), np.int64), outline=np.zeros((0, 5)))
             for match, pair in zip(self.matches, kept, strict=True)
@@ -139,11 +142,11 @@ class MatchResult:
         other has not."""
         if not step > 0:
             raise InputError(f"outlines are sampled every {step} px: give a step above 0")
-        pairs = self._pairs()
+        pairs, options = self._pairs(), recorded(self.config).local_match.outline
         fundamental = None if isinstance(self.fundamental, Failed) else self.fundamental
         matches = [
             dataclasses.replace(
-                match, outline=outline_correspondence(left.exterior, right.exterior, matrix, step, fundamental)
+                match, outline=outline_correspondence(left.exterior, right.exterior, matrix, options, step, fundamental)
             )
             for match, (left, right), matrix in zip(self.matches, pairs, self._maps(pairs), strict=True)
         ]
@@ -174,7 +177,7 @@ class MatchResult:
     def _maps(self, pairs: Sequence[tuple[Polygon, Polygon]]) -> NDArray[np.float64]:
         """(n, 3, 3) the map of each of n matched pairs."""
         left, right = (PolygonArrays([pair[k] for pair in pairs]) for k in range(2))
-        return pair_maps(left, right, self.points, self.homography, int(_option(self.config, "local_match", "gamma")))
+        return pair_maps(left, right, self.points, self.homography, recorded(self.config).local_match)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of `matches.json` (schema "zpm2-matches/1")."""
@@ -379,14 +382,6 @@ def _from_dict(document: Mapping[str, Any]) -> MatchResult:
         version=document["version"],
         non_overlapping=document.get("non_overlapping") is True,
     )
-
-
-def _option(config: Mapping[str, Any], stage: str, name: str) -> float:
-    """A number of the run's configuration; that of `Config()` for a result that does not hold it."""
-    values = config.get(stage)
-    value = values.get(name) if isinstance(values, Mapping) else None
-    usual: float = getattr(getattr(Config(), stage), name)
-    return value if isinstance(value, int | float) else usual
 
 
 def _pixels(side: ImagePolygons, name: str, config: Mapping[str, Any], longest: int | None = None) -> Image:

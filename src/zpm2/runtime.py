@@ -15,14 +15,14 @@ from zpm2.errors import ConfigError, ForkError
 _loaded_in: int | None = None  # the process that loaded networks first, this one or one that it was forked from
 
 
-def networks_loaded() -> None:
+def mark_networks_loaded() -> None:
     """Remembers that this process has networks. `ForkError` where it was forked from one that has."""
     global _loaded_in
-    refuse_forked()
+    check_not_forked()
     _loaded_in = os.getpid()
 
 
-def refuse_forked() -> None:
+def check_not_forked() -> None:
     """`ForkError` in a process that was forked from one that had loaded networks."""
     if _loaded_in not in (None, os.getpid()):
         raise ForkError(
@@ -31,14 +31,14 @@ def refuse_forked() -> None:
         )
 
 
-class OneThreadAtATime:
-    """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
+class ForkAwareLock:
+    """A context that one thread at a time is in; it may enter again. `ForkError` where `check_not_forked` says so."""
 
     def __init__(self) -> None:
         self._lock, self._process = threading.RLock(), os.getpid()
 
     def __enter__(self) -> None:
-        refuse_forked()
+        check_not_forked()
         if self._process != os.getpid():  # a thread that was not forked along may hold the lock for ever
             self._lock, self._process = threading.RLock(), os.getpid()
         self._lock.acquire()

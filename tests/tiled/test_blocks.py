@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from zpm2 import geometry
-from zpm2.config import PRESETS, GuidedConfig
-from zpm2.global_match import initial_geometry, place, search_candidates
+from zpm2.config import PRESETS, GuidedConfig, LocalConfig
+from zpm2.global_match import initial_geometry, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
 from zpm2.local_match import match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
@@ -95,7 +95,7 @@ def scene(scale=1.0, seed=0, large=False):
 
 def whole(given, config):
     initial = initial_geometry(given.points, config.global_match, config.seed)
-    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    locations = locate(*given.images, given.polygons[0].centers, initial, config.global_match)
     candidates = search_candidates(*given.polygons, locations, config.global_match)
     guided_prior = None
     if config.guided.direction != "off":
@@ -109,7 +109,7 @@ def whole(given, config):
 def in_blocks(given, config, side=SIDE, sources=None, guided=None, warped=None, told=lambda share: None):
     left, right = given.polygons
     found = list(cells(left, given.points, side, config))
-    warped = warped or warped_by_cells(left, found, config.local_match.gamma)
+    warped = warped or warped_by_cells(left, found, config.local_match)
     guided = guided or (np.zeros(len(left), bool), np.zeros(len(right), bool))
     return match_blocks(sources or given.sources, (left, right), guided, found, warped, side, config, told)
 
@@ -175,7 +175,7 @@ def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts(monkeypatc
     monkeypatch.setattr(blocks, "MARGIN", 8)
     given = scene()
     found = list(cells(given.polygons[0], given.points, SIDE, PRESETS["paper"]))
-    warped = warped_by_cells(given.polygons[0], found, 8)
+    warped = warped_by_cells(given.polygons[0], found, LocalConfig(gamma=8))
     shapes = warped.shapes.copy()
     shapes[3] = shapely.affinity.translate(shapes[3], 540, 300)  # of one block
     huge = shapely.affinity.scale(shapes[12], 40, 40)  # near the horizon of a wrong map

@@ -8,7 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.polygons.overlap import overlaps as iou
+from zpm2.config import VectorizeConfig
+from zpm2.polygons.overlap import iou
 from zpm2.polygons.shapes import from_shape
 from zpm2.tiled.stitch import BORDER, Pieces, cut_by_window, stitch, suppress
 from zpm2.tiled.windows import grid
@@ -76,7 +77,7 @@ def tiled(shapes, side=SIDE, overlap=OVERLAP, level=1, size=SIZE):
 
 
 def put_together(given, size=SIZE, tolerance=1.0, least=LEAST, nms_iou=0.7):
-    return stitch(pieces_of(given, size), size, nms_iou, tolerance, least)
+    return stitch(pieces_of(given, size), size, nms_iou, VectorizeConfig(tolerance), least)
 
 
 def agreement(found, wanted):
@@ -353,7 +354,13 @@ def test_what_is_too_small_goes_and_labels_and_guidance_stay():
     named = [dataclasses.replace(p, label="roof", source_id=f"way/{p.id}") for p in given.polygons]
     guided = np.zeros(len(named), bool)
     guided[np.argmax(given.cut)] = True  # one piece of the long one
-    found = stitch(Pieces(named, given.tile, given.cut, guided, given.windows, given.levels), SIZE, 0.7, 1.0, 1000.0)
+    found = stitch(
+        Pieces(named, given.tile, given.cut, guided, given.windows, given.levels),
+        SIZE,
+        0.7,
+        VectorizeConfig(1.0),
+        1000.0,
+    )
     assert sorted((round(p.area, -3), p.label, bool(g)) for p, g in zip(found.polygons, found.guided, strict=True)) == [
         (10_000, "roof", False),
         (32_000, None, True),
@@ -363,7 +370,7 @@ def test_what_is_too_small_goes_and_labels_and_guidance_stay():
 
 def test_nothing():
     empty = pieces_of([((0, 0, *SIZE), 0, [])])
-    found = stitch(empty, SIZE, 0.7, 1.0, 100.0)
+    found = stitch(empty, SIZE, 0.7, VectorizeConfig(1.0), 100.0)
     assert (found.polygons, found.united, found.open, len(found.guided)) == ([], 0, 0, 0)
 
 
@@ -383,7 +390,7 @@ def test_the_order_of_the_pieces_does_not_matter(random):
         given.windows,
         given.levels,
     )
-    one, two = (stitch(pieces, SIZE, 0.7, 1.0, LEAST) for pieces in (given, moved))
+    one, two = (stitch(pieces, SIZE, 0.7, VectorizeConfig(1.0), LEAST) for pieces in (given, moved))
     assert (len(one.polygons), one.united, one.open) == (len(two.polygons), two.united, two.open)
     assert agreement(two, [p.shape for p in one.polygons]).min() > 0.999
     assert sorted(p.score for p in one.polygons) == sorted(p.score for p in two.polygons)

@@ -17,7 +17,7 @@ from zpm2.cloud.walk import walk
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Polygon, PosedCamera
-from zpm2.polygons.repair import mended
+from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -153,7 +153,7 @@ def outline_in(rings: Sequence[Ring], view: PosedCamera, surface: Surface) -> sh
     seen = [view.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()
-    return mended(shapely.Polygon(seen[0], seen[1:]))
+    return repaired(shapely.Polygon(seen[0], seen[1:]))
 
 
 def outlines(

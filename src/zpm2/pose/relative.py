@@ -12,7 +12,7 @@ from zpm2.config import Config
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import initial_geometry
-from zpm2.global_match.chance import CHANCE, MIRRORED, log_chance
+from zpm2.global_match.chance import MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
 from zpm2.pose.estimators import Motion, PoseEstimator, open_estimator
@@ -194,8 +194,9 @@ class PoseFinder:
         agree = geometry.sampson_distance(essential, left, right) <= degeneracy.NOISE * threshold
         unit = np.diag([1 / focal, 1 / focal, 1.0])
         flat = PointMatches(left * focal, right * focal, points.score)
-        chance = log_chance(unit @ essential @ unit, flat, agree, sample=5, models=10)
-        if chance <= CHANCE:
+        limits = self.config.global_match.chance
+        chance = log_chance(unit @ essential @ unit, flat, agree, sample=5, models=10, config=limits)
+        if chance <= -limits.significance:
             return pose
         return Failed(
             f"the photographs may not show the same scene: {int(agree.sum())} of {len(points)} homologous points agree "

@@ -29,17 +29,17 @@ from zpm2.files.places import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
 from zpm2.guided.regions import no_matches
-from zpm2.local_match.confidence import unsupported
+from zpm2.local_match.confidence import lower_confidence
+from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import THIN, Image, ImagePolygons, Mask, PointMatches, Polygon, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source, reduced
 from zpm2.photos.values import MIN_SIDE
-from zpm2.pipeline import PairMatcher, explained
+from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress, StageTimer
-from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.segment.protocol import PolygonSource
+from zpm2.segment.protocol import FromFile, PolygonSource, notes_of
 from zpm2.tiled import tile as tiles
 from zpm2.tiled import windows
 from zpm2.tiled.blocks import match_blocks
@@ -99,7 +99,7 @@ class Run:
         self.points_only = PairMatcher(far, segmenter=_NoRegions(), points=points, progress=quiet)
         stages = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
         name = "/".join([*(segmenter.name for segmenter in segmenters), *([] if points is None else [points.name])])
-        regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
+        regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, FromFile)]
         values = {stage: self.config.to_dict()[stage] for stage in stages}
         self.kept = TileCache(kept, tiles.key(sources, values, name, regions) if kept is not None else "")
 
@@ -110,11 +110,11 @@ class Run:
         with self.clock("stitch"):
             stitched = self._regions(found)
         polygons = PolygonArrays(stitched[0].polygons), PolygonArrays(stitched[1].polygons)
-        gamma, side = config.local_match.gamma, self.tiles.size
+        local, side = config.local_match, self.tiles.size
         with self.clock("match"):
             forth = list(cells(polygons[0], points, side, config))
             back = list(cells(polygons[1], PointMatches(points.right, points.left, points.score), side, config))
-            warped = warped_by_cells(polygons[0], forth, gamma), warped_by_cells(polygons[1], back, gamma)
+            warped = warped_by_cells(polygons[0], forth, local), warped_by_cells(polygons[1], back, local)
             matches = match_blocks(
                 self.sources,
                 polygons,
@@ -127,14 +127,14 @@ class Run:
             )
             some = points[np.arange(0, len(points), len(points) // MOST_POINTS + 1)]
             initial = initial_geometry(some, config.global_match, config.seed)
-            matches = matches if initial.supported else unsupported(matches)
+            matches = matches if initial.supported else lower_confidence(matches, local.confidence)
         with self.clock("explain"):
             overviews = [reduced(source, OVERVIEW) for source in self.sources]
             sides = [
                 ImagePolygons(source.width, source.height, arrays.polygons, absolute(source.path), image, source.geo)
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
-            sides = list(explained((sides[0], sides[1]), polygons, matches, warped, config.local_match.min_overlap))
+            sides = list(with_reasons((sides[0], sides[1]), matches, warped, local))
         if initial.mirrored:
             self.messages.append(MIRRORED)
         if not initial.supported:
@@ -353,7 +353,7 @@ class Run:
             np.array(level),
         )
         size = source.width, source.height
-        return stitch(pieces, size, config.segment.nms_iou, config.vectorize.tolerance, self.least[k])
+        return stitch(pieces, size, config.segment.nms_iou, config.vectorize, self.least[k])
 
     def _given(self, k: int) -> Stitched:
         """Regions that were brought along, which no tile cuts."""
@@ -361,15 +361,13 @@ class Run:
         assert isinstance(segmenter, PolygonSource)
         blank = np.broadcast_to(np.zeros(1, np.uint8), (source.height, source.width, 3))
         polygons = [p for p in segmenter.polygons(Image(blank, source.path)) if p.area >= self.least[k]]
-        self.messages += about(f"{SIDES[k]} regions", getattr(segmenter, "notes", []))
+        self.messages += about(f"{SIDES[k]} regions", notes_of(segmenter))
         return Stitched(polygons, np.zeros(len(polygons), bool), 0, 0)
 
     def _source_notes(self) -> list[str]:
         names = zip(SIDES, self.sources, strict=True)
         notes = [text for side, source in names for text in about(f"{side} image", source.notes)]
-        return notes + (
-            [] if self.given else list(dict.fromkeys(n for s in self.segmenters for n in getattr(s, "notes", [])))
-        )
+        return notes + ([] if self.given else list(dict.fromkeys(n for s in self.segmenters for n in notes_of(s))))
 
 
 class _NoRegions:

@@ -14,10 +14,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.config import VectorizeConfig
 from zpm2.model import Polygon
 from zpm2.photos.raster import Window
 from zpm2.polygons.nest import with_parents
-from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.overlap import iou
 from zpm2.polygons.repair import largest
 from zpm2.polygons.shapes import from_shape
 
@@ -52,11 +53,11 @@ class Stitched:
     open: int  # pieces left out, as what they belong to is nowhere whole
 
 
-def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: float, min_area: float) -> Stitched:
+def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, config: VectorizeConfig, min_area: float) -> Stitched:
     """The regions of a photograph of `size` (width, height) px, of at least `min_area` px^2, finer levels first.
 
     Of two that overlap by more than `nms_iou` the one of the finer level stays, then the one of better score.
-    `tolerance` px is Douglas-Peucker's for outlines of united pieces.
+    `config` is for the outlines of united pieces and for parents.
     """
     shapes = _array([polygon.shape for polygon in pieces.polygons])
     level = pieces.levels[pieces.tile] if len(pieces.polygons) else np.zeros(0, np.int64)
@@ -67,7 +68,7 @@ def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: flo
     rest = np.flatnonzero(pieces.cut)
     rest = rest[~_explained(shapes, rest, pieces.tile, whole, borders)]
     groups = _groups(shapes, rest, pieces.tile, level, borders)
-    united, members = _unite(shapes, groups, pieces.tile, borders, tolerance)
+    united, members = _unite(shapes, groups, pieces.tile, borders, config.tolerance)
     everything = np.append(shapes[whole], united)
     guided = np.append(pieces.guided[whole], [pieces.guided[group].any() for group in members]).astype(bool)
     scores = np.append(score[whole], [score[group].min() for group in members])
@@ -82,7 +83,7 @@ def stitch(pieces: Pieces, size: tuple[int, int], nms_iou: float, tolerance: flo
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
-    return Stitched(with_parents(polygons), guided[kept], int(is_united[kept].sum()), left_out)
+    return Stitched(with_parents(polygons, config), guided[kept], int(is_united[kept].sum()), left_out)
 
 
 def cut_by_window(polygons: Sequence[Polygon], window: Window, size: tuple[int, int]) -> NDArray[np.bool_]:
@@ -108,7 +109,7 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
     shared = np.clip(np.minimum(box[i, 2:], box[j, 2:]) - np.maximum(box[i, :2], box[j, :2]), 0, None).prod(1)
     keep = shared > threshold / (1 + threshold) * (area[i] + area[j])  # the intersection is no larger
     i, j = i[keep], j[keep]
-    same = overlaps(shapes[i], shapes[j]) > threshold
+    same = iou(shapes[i], shapes[j]) > threshold
     i, j = i[same], j[same]
     by_rank = np.argsort(rank[i], kind="stable")
     alive = np.ones(n, bool)
@@ -152,7 +153,7 @@ def _explained(
     window = _array([border.box for border in borders])[tile[rest[i]]]
     seen = shapely.intersection(shapes[whole[j]], window)
     found = np.zeros(len(rest), bool)
-    found[i[overlaps(shapes[rest[i]], seen) >= AGREE]] = True
+    found[i[iou(shapes[rest[i]], seen) >= AGREE]] = True
     return found
 
 
@@ -171,7 +172,7 @@ def _groups(
     a, b = a[keep], b[keep]
     boxes = _array([border.box for border in borders])
     strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
-    alike = overlaps(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
+    alike = iou(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
     order = np.argsort(-alike, kind="stable")
     order = order[alike[order] >= AGREE]
     group: dict[int, list[int]] = {}
