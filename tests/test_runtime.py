@@ -116,7 +116,7 @@ def test_threads_share_a_segmenter_and_get_their_own_answers() -> None:
         points = np.full((4, 1, 2), 100.0 * number)
         return {
             round(score, 3)
-            for score in view.ask(Prompts(points, np.array([1])), MaskThresholds(0.05, 0)).score.tolist()
+            for score in view.predict(Prompts(points, np.array([1])), MaskThresholds(0.05, 0)).score.tolist()
         }
 
     with ThreadPoolExecutor(4) as pool:

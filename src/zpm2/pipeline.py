@@ -10,15 +10,7 @@ from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.features import PointMatcher, check_methods
-from zpm2.global_match import (
-    Candidates,
-    InitialGeometry,
-    PyramidLocations,
-    initial_geometry,
-    locate,
-    points_with_data,
-    search_candidates,
-)
+from zpm2.global_match import InitialGeometry, initial_geometry, locate, points_with_data, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
 from zpm2.local_match import MatchProblem, match_polygons
@@ -94,20 +86,21 @@ class PairMatcher:
         with timer("detect"):
             found = self._regions.detect(images, initial)
         with timer("global"):
-            locations, candidates = self._locate(found, initial)
+            problem = self._locate(found, initial)
         with timer("local"):
-            matches = self._match(found, initial, locations, candidates)
+            matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match)
         if found.prompted is not None and config.guided.direction == "both":
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
-                locations, candidates = self._locate(found, initial)
-                matches = self._match(found, initial, locations, candidates)
+                problem = self._locate(found, initial)
+                matches = match_polygons(problem, config.local_match)
         sides, matches = found.sides(matches, config.vectorize)
         if not initial.supported:
             matches = lower_confidence(matches, config.local_match.confidence)
         sides = self._with_reasons(sides, matches, initial)
-        messages = [*found.messages, *geometry_warnings(initial), *location_notes(locations, config.global_match)]
-        warnings, notes = split([*messages, *no_matches(matches)])
+        messages = [*found.messages, *geometry_warnings(initial)]
+        messages += [*location_notes(problem.locations, config.global_match), *no_matches(matches)]
+        warnings, notes = split(messages)
         return MatchResult(
             left=sides[0],
             right=sides[1],
@@ -131,16 +124,12 @@ class PairMatcher:
         with self.lock:
             return self._regions.load()
 
-    def _locate(self, found: PairRegions, initial: InitialGeometry) -> tuple[PyramidLocations, Candidates]:
+    def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
+        """The left polygons, located in the right image, and their candidates."""
         config, polygons = self.config.global_match, found.polygons
         locations = locate(*found.images, polygons[0].centers, initial, config)
-        return locations, search_candidates(*polygons, locations, config)
-
-    def _match(
-        self, found: PairRegions, initial: InitialGeometry, locations: PyramidLocations, candidates: Candidates
-    ) -> Sequence[PolygonMatch]:
-        problem = MatchProblem(found.images, found.polygons, initial, locations, candidates, found.guided_prior)
-        return match_polygons(problem, self.config.local_match)
+        candidates = search_candidates(*polygons, locations, config)
+        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior)
 
     def _with_reasons(self, sides: Sides, matches: Sequence[PolygonMatch], initial: InitialGeometry) -> Sides:
         """Both sides, with the reason why a polygon has no partner."""

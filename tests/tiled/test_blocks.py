@@ -11,7 +11,7 @@ from zpm2 import geometry
 from zpm2.config import PRESETS, GuidedConfig, LocalConfig
 from zpm2.global_match import initial_geometry, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
-from zpm2.local_match import match_polygons
+from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 from zpm2.photos.source import InMemoryPhoto
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
@@ -99,11 +99,11 @@ def whole(given, config):
     candidates = search_candidates(*given.polygons, locations, config.global_match)
     guided_prior = None
     if config.guided.direction != "off":
-        warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match.gamma)
-        sure = tuple(np.ones(len(side), bool) for side in given.polygons)
-        guided_prior = GuidedPrior(warped, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
-    local = config.local_match
-    return match_polygons(given.images, given.polygons, initial, locations, candidates, local, guided_prior)
+        warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match)
+        confident = tuple(np.ones(len(side), bool) for side in given.polygons)
+        guided_prior = GuidedPrior(warped, confident, tuple(~each for each in confident), config.guided)
+    problem = MatchProblem(given.images, given.polygons, initial, locations, candidates, guided_prior)
+    return match_polygons(problem, config.local_match)
 
 
 def in_blocks(given, config, side=SIDE, sources=None, guided=None, warped=None, told=lambda share: None):

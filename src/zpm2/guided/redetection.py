@@ -6,8 +6,8 @@ towards itself, so a mask is accepted only if it overlaps the warped polygon. If
 checked, too: the mask, warped back, must predict a mask of the first image that overlaps the polygon.
 
 Two images are more evidence than one, so masks below the usual thresholds take part (`guided.min_predicted_iou`,
-`guided.min_stability`); they become polygons only if they are matched. The second image is segmented after these
-prompts, by those points of its grid that they left uncovered.
+`guided.min_stability`); they become polygons only if they are matched. After these prompts, segment everything
+completes the second image.
 """
 
 import dataclasses
@@ -73,7 +73,7 @@ def detect(
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
 ) -> PromptedPair:
-    """The left image by segment everything; the right one first by prompts with the left polygons, then likewise."""
+    """Segments the left image completely, prompts the right one with the left polygons, and completes it likewise."""
     segment, loose = config.segment, _loose_thresholds(config)
     found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
     left = _regions(views[0], found, config, 0)
