@@ -8,9 +8,9 @@ import numpy as np
 from zpm2 import config, features
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.global_match import points_with_data
 from zpm2.model import PointMatches
 from zpm2.photos.images import read_image
-from zpm2.pipeline import on_data
 
 Size = tuple[int, int]  # width, height, px
 
@@ -29,7 +29,7 @@ class KnownPoints:
         if not file.exists():
             self.matcher = self.matcher or features.create(config.preset("default").points)
             images = read_image(left, "left image"), read_image(right, "right image")
-            found = on_data(self.matcher.match(*images), images)
+            found = points_with_data(self.matcher.match(*images), images)
             size = [side for image in images for side in (image.width, image.height)]
             np.savez(file, left=found.left, right=found.right, score=found.score, size=size)
         kept = np.load(file)

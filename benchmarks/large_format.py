@@ -48,7 +48,7 @@ from zpm2.config import Config
 from zpm2.evaluate.report import table
 from zpm2.model import Polygon, PolygonArrays
 from zpm2.photos.source import Source, opened
-from zpm2.polygons.repair import mended
+from zpm2.polygons.repair import repaired
 from zpm2.tiled import blocks
 from zpm2.tiled.cells import cells, warped_by_cells
 from zpm2.view.contact import Crop, contact_sheet, crop_window
@@ -239,7 +239,7 @@ class Check:
         if matrix is None:
             return CandidateScores(None, None, inliers, "too few features agree")
         matrix = _shifted(matrix, here, there, polygon.shape.buffer(0.03 * side), reduction)
-        shape = mended(_moved(matrix, polygon.shape))
+        shape = repaired(_moved(matrix, polygon.shape))
         extent = _moved(matrix, seen[0]).intersection(seen[1])
         if extent.intersection(shape).area < SEEN * shape.area:
             return CandidateScores(None, None, inliers, "out of sight")
@@ -567,7 +567,7 @@ def _matched(
     with mock.patch.multiple(blocks, **{name: timed(name) for name in PARTS}):
         start = perf_counter()
         forth = list(cells(fresh[0], result.points, chosen))
-        warped = warped_by_cells(fresh[0], forth, chosen.local_match.gamma)
+        warped = warped_by_cells(fresh[0], forth, chosen.local_match)
         spent["matches"] = blocks.match_blocks(blocks.LargePair(sources, fresh, unasked), forth, warped, chosen)
         spent["seconds"] = perf_counter() - start
     return spent

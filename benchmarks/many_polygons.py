@@ -128,7 +128,7 @@ def compare_searches(result: MatchResult, photographs: tuple[Path, Path], config
     found: dict[str, dict[str, float]] = {}
     with opened(*photographs) as sources:
         places = list(cells(left, result.points, config))
-        warped = warped_by_cells(left, places, config.local_match.gamma)
+        warped = warped_by_cells(left, places, config.local_match)
         for name in ("pyramid", "fixed") * 2:
             of = assign(config, ["guided.direction=off", f"global_match.search={name}"])
             start = perf_counter()

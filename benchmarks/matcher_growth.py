@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 import zpm2
 from zpm2 import geometry
 from zpm2.config import Config, preset
-from zpm2.global_match import initial_geometry, place, search_candidates
-from zpm2.local_match import match_polygons
+from zpm2.global_match import initial_geometry, locate, search_candidates
+from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 
 SCHEMA = "zpm2-benchmark-matcher-growth/1"
@@ -86,10 +86,11 @@ def run(pair: Pair, config: Config) -> dict[str, float]:
     start = perf_counter()
     arrays = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
     initial = initial_geometry(pair.points, config.global_match, config.seed)
-    placement = place(*pair.images, arrays[0].centers, initial, config.global_match)
-    candidates = search_candidates(*arrays, placement, config.global_match)
+    locations = locate(*pair.images, arrays[0].centers, initial, config.global_match)
+    candidates = search_candidates(*arrays, locations, config.global_match)
     middle = perf_counter()
-    matches = match_polygons(pair.images, arrays, initial, placement, candidates, config.local_match)
+    problem = MatchProblem(pair.images, arrays, initial, locations, candidates)
+    matches = match_polygons(problem, config.local_match)
     end = perf_counter()
     right = sum(pair.truth[m.left] == m.right for m in matches)
     return {

@@ -22,7 +22,6 @@ from match_pairs import environment
 
 from zpm2 import config
 from zpm2.global_match import initial_geometry
-from zpm2.global_match.chance import CHANCE
 
 
 def main() -> None:
@@ -42,7 +41,8 @@ def main() -> None:
         rows.append(judged(name, *known(name, a.left, b.right)))
         print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     table = [summary(name, rows) for name in sorted({part for row in rows for part in sets_of(row)})]
-    table.append({"set": "all", **errors(rows, CHANCE), "limit": CHANCE})
+    limit = -config.Config().global_match.chance.significance
+    table.append({"set": "all", **errors(rows, limit), "limit": limit})
     for line in table:
         print(json.dumps(line), file=sys.stderr)
     print(json.dumps({"schema": "zpm2-bench-chance/1", "environment": environment(), "table": table, "rows": rows}))

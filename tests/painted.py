@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Image, Mask
-from zpm2.segment.predictions import CORNER, LOW, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.predictions import CORNER, MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam import SamView, decoded_size, upsample
 
 
@@ -93,7 +93,7 @@ def bits_of(shape: shapely.Polygon, image: Image) -> NDArray[np.bool_]:
     return bits.astype(bool)
 
 
-def blank(width: int = LOW, height: int = LOW, seed: int = 0) -> Image:
+def blank(width: int = MASK_SIDE, height: int = MASK_SIDE, seed: int = 0) -> Image:
     """A photograph of noise."""
     noise = np.random.default_rng(seed).integers(0, 255, (height, width, 3), dtype=np.uint8)
     return Image(np.ascontiguousarray(noise))

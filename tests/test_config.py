@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.config import PRESETS, Config, SegmentConfig, assign, describe, load, preset
+from zpm2.config import PRESETS, Config, SegmentConfig, assign, describe, load, preset, recorded
 from zpm2.errors import ConfigError
 
 
@@ -215,3 +215,31 @@ def test_a_file_that_is_nested_too_deeply(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=name):
         load(tmp_path / name)
+
+
+def test_a_stage_within_a_stage():
+    config = assign(Config(), ["local_match.outline.epipolar=3", "segment.prompts.blob_sigmas=1,2.5"])
+    assert config.local_match.outline.epipolar == 3.0
+    assert config.segment.prompts.blob_sigmas == (1.0, 2.5)
+    assert Config.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    assert "segment.prompts.blob_sigmas are one or more numbers above 0, got 0" in refused(
+        "segment.prompts.blob_sigmas=0"
+    )
+    assert "did you mean 'outline'" in refused("local_match.outlin.epipolar=3")
+    assert "is a share from 0 to 1" in refused("guided.min_return_overlap=1.5")
+
+
+def test_the_configuration_that_a_result_holds():
+    config = assign(preset("default"), ["segment.min_area=7", "local_match.exclusive.min_kept=0.5"])
+    assert recorded(config.to_dict()) == config
+    older = config.to_dict() | {"baseline": {"method": "x"}, "cloud": 5}
+    del older["local_match"]["outline"]
+    older["local_match"]["gamma"] = "many"
+    found = recorded(older)
+    assert found.segment == config.segment
+    assert found.local_match.exclusive == config.local_match.exclusive
+    assert (found.local_match.outline, found.local_match.gamma) == (
+        Config().local_match.outline,
+        Config().local_match.gamma,
+    )
+    assert recorded({}) == Config()

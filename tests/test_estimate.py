@@ -60,7 +60,7 @@ def large(path: Path, side: int = 15000) -> Path:
 def test_a_large_pair_is_refused_as_a_whole_before_anything_is_loaded(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.guided.regions.RegionStages.load", lambda self: pytest.fail("networks were loaded"))
+    monkeypatch.setattr("zpm2.guided.regions.RegionFinder.load", lambda self: pytest.fail("networks were loaded"))
     photograph = large(tmp_path / "a.tif")
     words = [photograph, photograph, "-o", tmp_path / "out"]
     code, _, err = run("match", *words, "--preset", "paper", "--max-memory", "8GB")

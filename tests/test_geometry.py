@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from zpm2 import geometry
 from zpm2.errors import Failed
-from zpm2.polygons.repair import largest, mended, polygons_in
+from zpm2.polygons.repair import largest, polygons_in, repaired
 
 K = np.array([[800.0, 0, 320], [0, 790, 240], [0, 0, 1]])
 seeds = st.integers(0, 10**6)
@@ -273,7 +273,7 @@ def test_eight_points_fit_exact_ones(seed: int) -> None:
 )
 def test_a_crossed_ring_keeps_its_larger_piece(ring: list[tuple[int, int]], area: float) -> None:
     for way in (ring, ring[::-1]):
-        found = mended(shapely.Polygon(way))
+        found = repaired(shapely.Polygon(way))
         assert found.is_valid
         assert found.area == pytest.approx(area, abs=1e-3)
 
@@ -282,7 +282,7 @@ def test_a_crossed_ring_keeps_its_larger_piece(ring: list[tuple[int, int]], area
 @settings(max_examples=200, deadline=None)
 def test_any_ring_becomes_a_valid_polygon_of_what_it_encloses(ring: list[tuple[int, int]]) -> None:
     shape = shapely.Polygon(ring)
-    found = mended(shape)
+    found = repaired(shape)
     assert found.geom_type == "Polygon"
     assert found.is_valid
     for way in (shapely.make_valid(shape), shape.buffer(0)):

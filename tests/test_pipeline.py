@@ -16,8 +16,9 @@ import zpm2
 from zpm2 import MatchResult
 from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
 from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.global_match import points_with_data
 from zpm2.model import Image, Mask, PointMatches
-from zpm2.pipeline import PairMatcher, on_data
+from zpm2.pipeline import PairMatcher
 from zpm2.runtime import resolve_device
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -358,5 +359,5 @@ def test_points_on_pixels_without_data_are_left_out() -> None:
     valid[:, :30] = False
     images = Image(np.zeros((40, 60, 3), np.uint8), valid=valid), Image(np.zeros((40, 60, 3), np.uint8))
     at = np.array([[29.5, 10.0], [30.5, 10.0], [59.9, 39.9]])
-    kept = on_data(PointMatches(at, at, np.ones(3)), images)
+    kept = points_with_data(PointMatches(at, at, np.ones(3)), images)
     assert kept.left.tolist() == at[1:].tolist()

@@ -20,7 +20,7 @@ from zpm2.errors import ForkError
 from zpm2.features import create
 from zpm2.model import Image, Mask
 from zpm2.pipeline import PairMatcher
-from zpm2.runtime import OneThreadAtATime
+from zpm2.runtime import ForkAwareLock
 from zpm2.segment.predictions import MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter
 
@@ -116,7 +116,7 @@ def test_threads_share_a_segmenter_and_get_their_own_answers() -> None:
         points = np.full((4, 1, 2), 100.0 * number)
         return {
             round(score, 3)
-            for score in view.ask(Prompts(points, np.array([1])), MaskThresholds(0.05, 0)).score.tolist()
+            for score in view.predict(Prompts(points, np.array([1])), MaskThresholds(0.05, 0)).score.tolist()
         }
 
     with ThreadPoolExecutor(4) as pool:
@@ -149,7 +149,7 @@ def in_child(action: Callable[[], object]) -> str:
 def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """This process has networks, and has not later."""
     monkeypatch.setattr(runtime, "_loaded_in", None)
-    runtime.networks_loaded()
+    runtime.mark_networks_loaded()
 
 
 @needs_fork
@@ -163,7 +163,7 @@ def test_a_forked_child_is_told_at_once(kind: str, pair: Pair, loaded: None) -> 
 @pytest.mark.parametrize(
     "action",
     [
-        runtime.networks_loaded,
+        runtime.mark_networks_loaded,
         lambda: create(SIFT).match(Image(np.zeros((64, 64, 3), np.uint8)), Image(np.zeros((64, 64, 3), np.uint8))),
         lambda: create(SIFT).match_many([]),
         lambda: SamSegmenter(SegmentConfig()).load(),
@@ -179,13 +179,13 @@ def test_so_are_its_parts(action: Callable[[], object], loaded: None) -> None:
 @needs_fork
 def test_a_child_forked_before_networks_were_loaded_may(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "_loaded_in", None)
-    assert in_child(runtime.networks_loaded) == "done"
+    assert in_child(runtime.mark_networks_loaded) == "done"
 
 
 @needs_fork
 def test_a_child_does_not_wait_for_a_thread_that_it_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "_loaded_in", None)
-    one, inside, leave = OneThreadAtATime(), threading.Event(), threading.Event()
+    one, inside, leave = ForkAwareLock(), threading.Event(), threading.Event()
 
     def hold() -> None:
         with one:

@@ -55,7 +55,7 @@ class Matcher:
         Threads and forks are as with `PairMatcher`.
         """
         limit = memory.within(self.config.max_memory)
-        with self._whole.turns, limit, opened(left, right, self.config.raster) as sources:
+        with self._whole.lock, limit, opened(left, right, self.config.raster) as sources:
             tiles, said = self._by_tiles(sources)
             if not tiles:
                 return match_whole(self._whole, sources, self.config)

@@ -1,7 +1,7 @@
-"""Two-view geometry behind one call each, whatever library does it.
+"""Two-view geometry: F, H and E from homologous points, and distances and maps by them.
 
 Points are (n, 2) float64 image px with pixel centres at +0.5; F and H are in the same coordinates: p_right^T F p_left
-= 0 and p_right ~ H p_left. OpenCV's estimators do not care where the origin lies, so nothing is shifted here.
+= 0 and p_right ~ H p_left. OpenCV's estimators work for any origin, so points need no shift.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zpm2.errors import Failed
 
 Array = NDArray[np.float64]
-HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0 to ours
+HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0
 
 
 def homogeneous(points: Array) -> Array:
@@ -22,7 +22,7 @@ def homogeneous(points: Array) -> Array:
 
 
 def project(homography: Array, points: Array) -> Array:
-    """(n, 2) points carried by a 3 x 3 homography. Points on or behind its horizon come back as NaN."""
+    """(n, 2) points mapped by a 3 x 3 homography; NaN for points on or behind its horizon."""
     p = homogeneous(points) @ (homography / np.abs(homography).max()).T
     w = p[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -31,7 +31,7 @@ def project(homography: Array, points: Array) -> Array:
 
 def turn_image(width: int, height: int, angle: float) -> tuple[Array, tuple[int, int]]:
     """(3, 3) map that turns an image by `angle` radians from x to y, px to px of the result, and the (width, height) px
-    of the smallest result that holds all of it."""
+    of the smallest result that contains all of it."""
     c, s = np.cos(angle).round(12), np.sin(angle).round(12)
     wide, high = int(np.ceil(width * abs(c) + height * abs(s))), int(np.ceil(width * abs(s) + height * abs(c)))
     matrix = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
@@ -50,7 +50,7 @@ def homography_jacobian(homography: Array, points: Array) -> Array:
 
 
 def linearised(homographies: Array, points: Array) -> tuple[Array, Array]:
-    """(n, 2) where (n, 3, 3) homographies carry (n, 2) points, each its own, and (n, 2, 2) their derivatives there."""
+    """(n, 2) points, each mapped by its own of (n, 3, 3) homographies, and (n, 2, 2) the derivatives there."""
     p = np.einsum("nij,nj->ni", homographies, homogeneous(points))
     w = p[:, 2:]
     at = p[:, :2] / w
@@ -90,7 +90,7 @@ def sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
 
 
 def signed_sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
-    """(n,) the same with the sign of the algebraic error, so that it can be derived."""
+    """(n,) the same with the sign of the algebraic error, so that it has a derivative at 0."""
     l2 = homogeneous(left) @ fundamental.T
     l1 = homogeneous(right) @ fundamental
     e = np.einsum("ni,ni->n", homogeneous(right), l2)
@@ -110,14 +110,14 @@ def fundamental_matrix(
 ) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """F (3 x 3, norm 1) by MAGSAC++ (OpenCV's USAC) and its (n,) inliers, or why there is none.
 
-    `threshold` in px. Below 8 points there is no estimate: seven fit any F exactly and prove nothing.
+    `threshold` in px. Needs 8 points: any seven fit some F exactly.
     """
     if len(left) < 8:
         return Failed(f"a fundamental matrix needs 8 homologous points, there are {len(left)}")
     matrix, mask = _usac(cv2.findFundamentalMat, left, right, threshold, seed)
     if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no fundamental matrix fits the homologous points")
-    matrix = matrix[:3]  # several stacked solutions may come back: the first is the best one
+    matrix = matrix[:3]  # OpenCV may return several solutions, stacked, the best one first
     inliers = epipolar_inliers(matrix, left, right, threshold) if mask is None else mask.ravel().astype(bool)
     if inliers.sum() < 8:
         return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a fundamental matrix")
@@ -132,7 +132,7 @@ def epipolar_inliers(fundamental: Array, left: Array, right: Array, threshold: f
 def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """H (3 x 3, H[2, 2] = 1) by MAGSAC++ and its (n,) inliers, or why there is none. `threshold` in px."""
     if len(left) < 6:
-        return Failed(f"a homography is trusted from 6 homologous points on, there are {len(left)}")
+        return Failed(f"a homography needs 6 homologous points, there are {len(left)}")
     matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed)
     if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9 or not matrix[2, 2]:
         return Failed("no homography fits the homologous points")
@@ -160,7 +160,7 @@ def essential_matrix(
 
 
 def in_front(rotation: Array, translation: Array, left: Array, right: Array) -> NDArray[np.bool_]:
-    """(n,) whether homologous rays (n, 2) meet before both cameras."""
+    """(n,) whether homologous rays (n, 2) meet in front of both cameras."""
     a, b = homogeneous(left) @ rotation.T, homogeneous(right)
     # depths from s a + t = z b in the least-squares sense
     aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
@@ -192,7 +192,7 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
-    """One of OpenCV's robust estimators with MAGSAC++ scoring and a seed of ours."""
+    """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
     params = cv2.UsacParams()
     params.score = cv2.SCORE_METHOD_MAGSAC
     params.sampler = cv2.SAMPLING_UNIFORM

@@ -13,7 +13,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from zpm2.config import Config, RasterConfig
+from zpm2.config import RasterConfig, recorded
 from zpm2.errors import Failed, InputError
 from zpm2.files.reading import WRONG
 from zpm2.formats import gis, saving
@@ -69,8 +69,8 @@ class MatchResult:
         before. Homologous vertices and outlines belonged to the old exteriors and are left out.
         """
         pairs = self._pairs()
-        min_area = self._option("segment", "min_area")
-        left, right, matches = without_overlaps(self.left, self.right, self.matches, pairs, self._maps(pairs), min_area)
+        config, maps = recorded(self.config), self._maps(pairs)
+        left, right, matches = without_overlaps(self.left, self.right, self.matches, pairs, maps, config)
         gone, n = len(self.matches) - len(matches), len(self.matches)
         notes = [f"made non-overlapping, {gone} of {n} matches lost their regions"] if gone else []
         return dataclasses.replace(
@@ -86,8 +86,8 @@ class MatchResult:
         """The same with homologous points all around each matched pair of exteriors, about every `step` px: the
         `outline` of each match (`local_match.outline`). To drop parts that only one of the two outlines has, cut at a
         residual of your choice. `InputError` for a step that is not above 0."""
-        pairs = self._pairs()
-        matches = with_outlines(self.matches, pairs, self._maps(pairs), self.fundamental, step)
+        pairs, options = self._pairs(), recorded(self.config).local_match.outline
+        matches = with_outlines(self.matches, pairs, self._maps(pairs), self.fundamental, options, step)
         return dataclasses.replace(self, matches=matches)
 
     def matched_polygons(self) -> tuple[list[Polygon], list[Polygon]]:
@@ -182,18 +182,11 @@ class MatchResult:
 
     def _maps(self, pairs: Sequence[tuple[Polygon, Polygon]]) -> NDArray[np.float64]:
         left, right = (PolygonArrays([pair[k] for pair in pairs]) for k in range(2))
-        return pair_maps(left, right, self.points, self.homography, int(self._option("local_match", "gamma")))
+        return pair_maps(left, right, self.points, self.homography, recorded(self.config).local_match)
 
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
         return RasterConfig.of_result(self.config)
-
-    def _option(self, stage: str, name: str) -> float:
-        """A number of the run's configuration; the default for a result that does not hold it."""
-        values = self.config.get(stage)
-        value = values.get(name) if isinstance(values, Mapping) else None
-        default: float = getattr(getattr(Config(), stage), name)
-        return value if isinstance(value, int | float) else default
 
 
 def _fold(result: MatchResult, members: Members) -> Members:

@@ -1,6 +1,7 @@
-"""Who may run networks: one thread at a time, and no child that was forked from a process that had loaded some.
+"""The device, the timer of stages, and a lock for networks, which cannot run in forked processes.
 
-Such a child lacks the threads that torch and OpenVINO compute with, and would wait for them for ever.
+A process that is forked from one with networks lacks the threads that torch and OpenVINO compute with, and would wait
+for them for ever.
 """
 
 import functools
@@ -13,17 +14,17 @@ from typing import Any
 
 from zpm2.errors import ConfigError, ForkError
 
-_loaded_in: int | None = None  # the process that loaded networks first, this one or one that it was forked from
+_loaded_in: int | None = None  # process id: this process, or the one that it was forked from
 
 
-def networks_loaded() -> None:
-    """Remembers that this process has networks. `ForkError` where it was forked from one that has."""
+def mark_networks_loaded() -> None:
+    """Notes that this process has networks. `ForkError` if it was forked from one that has."""
     global _loaded_in
-    refuse_forked()
+    check_not_forked()
     _loaded_in = os.getpid()
 
 
-def refuse_forked() -> None:
+def check_not_forked() -> None:
     """`ForkError` in a process that was forked from one that had loaded networks."""
     if _loaded_in not in (None, os.getpid()):
         raise ForkError(
@@ -43,15 +44,15 @@ def package_version() -> str:
         return "unknown"
 
 
-class OneThreadAtATime:
-    """A context that one thread at a time is in; it may enter again. `ForkError` where `refuse_forked` says so."""
+class ForkAwareLock:
+    """A re-entrant lock as a context. `ForkError` in a process that was forked from one that had loaded networks."""
 
     def __init__(self) -> None:
         self._lock, self._process = threading.RLock(), os.getpid()
 
     def __enter__(self) -> None:
-        refuse_forked()
-        if self._process != os.getpid():  # a thread that was not forked along may hold the lock for ever
+        check_not_forked()
+        if self._process != os.getpid():  # the lock may be held by a thread of the parent, and never be released here
             self._lock, self._process = threading.RLock(), os.getpid()
         self._lock.acquire()
 
@@ -59,7 +60,7 @@ class OneThreadAtATime:
         self._lock.release()
 
 
-Progress = Callable[[str, float], None]  # stage, share that is done, 0..1
+Progress = Callable[[str, float], None]  # receives a stage and the share of it that is done, 0..1
 
 
 def resolve_device(name: str) -> str:
@@ -78,7 +79,7 @@ def resolve_device(name: str) -> str:
 
 
 class StageTimer:
-    """Seconds by stage, of all times that it was entered; tells `progress` when one begins and ends."""
+    """Seconds by stage, summed over its runs. `progress` receives 0 when a stage begins and 1 when it ends."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}

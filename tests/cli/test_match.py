@@ -501,7 +501,7 @@ def test_options_are_refused_before_any_work(
     def load(*_: object) -> None:
         raise AssertionError("networks were loaded")
 
-    monkeypatch.setattr("zpm2.guided.regions.RegionStages.load", load)
+    monkeypatch.setattr("zpm2.guided.regions.RegionFinder.load", load)
     monkeypatch.chdir(tmp_path)
     for k, path in enumerate((pair.left, pair.right)):
         (tmp_path / f"{k}.png").write_bytes(path.read_bytes())

@@ -9,10 +9,11 @@ from planes import turn
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.global_match import InitialGeometry, initial_geometry
-from zpm2.global_match.chance import APART, CHANCE, is_mirrored, log_chance
+from zpm2.global_match.chance import is_mirrored, log_chance
 from zpm2.model import PointMatches
 
 CONFIG = GlobalConfig()
+LIMITS = CONFIG.chance
 SIZE = np.array([640.0, 480.0])
 seeds = st.integers(0, 10**6)
 
@@ -82,9 +83,9 @@ def test_more_points_that_agree_are_less_chance_and_more_that_were_tried_are_mor
 @pytest.mark.parametrize("n", [0, 1, 7, 8])
 def test_a_few_points_prove_nothing(n: int) -> None:
     points = related(0, n, 0)
-    assert log_chance(np.eye(3), points, np.ones(n, bool), 7, 3) > CHANCE
-    assert not is_mirrored(points, np.ones(n, bool))
-    assert initial(points).chance > CHANCE
+    assert log_chance(np.eye(3), points, np.ones(n, bool), 7, 3, LIMITS) > -LIMITS.significance
+    assert not is_mirrored(points, np.ones(n, bool), LIMITS)
+    assert initial(points).chance > -LIMITS.significance
 
 
 def test_many_points_are_judged_as_fast() -> None:
@@ -108,5 +109,5 @@ def test_a_mirrored_photograph(seed: int, angle: float, flat: bool) -> None:
 
 
 def test_points_on_a_line_have_no_side() -> None:
-    left = np.c_[np.arange(50) * (APART + 4), np.full(50, 100.0)]
-    assert not is_mirrored(PointMatches(left, left + 5, np.ones(50)), np.ones(50, bool))
+    left = np.c_[np.arange(50) * (LIMITS.independent_distance + 4), np.full(50, 100.0)]
+    assert not is_mirrored(PointMatches(left, left + 5, np.ones(50)), np.ones(50, bool), LIMITS)

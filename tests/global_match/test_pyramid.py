@@ -8,7 +8,7 @@ from planes import carried, fundamental, image, known, texture, translation, tur
 
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
-from zpm2.global_match import place, reference
+from zpm2.global_match import locate, reference
 from zpm2.global_match.pyramid import correlate, level_count, sample_templates, subpixel_peaks
 
 CONFIG = GlobalConfig()
@@ -88,7 +88,7 @@ def test_fast_is_the_reference(seed, with_f, with_h):
     images = image(gray), image(carried(gray, truth))
     centers = np.r_[rng.uniform((0, 0), (310, 220), (14, 2)), [[140.0, 115.0], [2.0, 3.0]]]
     initial = known(fundamental(truth) if with_f else None, guess if with_h else None)
-    fast, plain = (f(*images, centers, initial, QUICK) for f in (place, reference.place))
+    fast, plain = (f(*images, centers, initial, QUICK) for f in (locate, reference.locate))
     assert np.array_equal(fast.found, plain.found)
     assert np.array_equal(fast.outside, plain.outside)
     assert fast.centers == pytest.approx(plain.centers, abs=0.01)
@@ -99,7 +99,7 @@ def test_fast_is_the_reference(seed, with_f, with_h):
 @settings(max_examples=6, deadline=None)
 def test_known_shift_to_a_fraction_of_a_pixel(seed, dx, dy):
     truth, centers = translation(dx, dy), grid()
-    locations = place(*pair(truth, seed), centers, known(fundamental(truth), translation(dx + 7, dy - 5)), CONFIG)
+    locations = locate(*pair(truth, seed), centers, known(fundamental(truth), translation(dx + 7, dy - 5)), CONFIG)
     error = np.linalg.norm(locations.centers - centers - [dx, dy], axis=1)
     assert locations.found.all()
     assert np.median(error) < 0.25
@@ -114,7 +114,7 @@ def test_rotation_scale_and_a_homography_that_is_off(degrees):
     centers = grid()
     exact = geometry.project(truth, centers)
     centers, exact = centers[within(exact)], exact[within(exact)]
-    locations = place(*pair(truth), centers, known(fundamental(truth), translation(5, 6) @ truth), CONFIG)
+    locations = locate(*pair(truth), centers, known(fundamental(truth), translation(5, 6) @ truth), CONFIG)
     error = np.linalg.norm(locations.centers - exact, axis=1)
     assert len(centers) > 15
     assert locations.found.mean() > 0.95
@@ -138,7 +138,7 @@ def test_without_fundamental_matrix_or_homography():
     truth, centers = translation(-11.4, 3.7), grid()
     images = pair(truth)
     for initial in (known(h=translation(-5, 0)), known(f=fundamental(truth)), known()):
-        locations = place(*images, centers, initial, CONFIG)
+        locations = locate(*images, centers, initial, CONFIG)
         assert locations.found.all()
         assert np.median(np.linalg.norm(locations.centers - centers - truth[:2, 2], axis=1)) < 0.15
 
@@ -146,7 +146,7 @@ def test_without_fundamental_matrix_or_homography():
 def test_the_epipolar_band_is_kept():
     truth, centers = translation(-11.0, 0.0), grid()
     wrong = fundamental(translation(-11.0, 9.0))  # every epipolar line 9 px too low
-    locations = place(*pair(truth), centers, known(wrong, translation(-11.0, 9.0)), CONFIG)
+    locations = locate(*pair(truth), centers, known(wrong, translation(-11.0, 9.0)), CONFIG)
     distance = geometry.epipolar_distance(wrong, centers, locations.centers)
     assert distance[locations.found].max(initial=0) <= CONFIG.band + 0.8
 
@@ -157,7 +157,7 @@ def test_no_texture_falls_back_to_the_prediction_and_says_so():
     gray[140:340, 220:420] = 100
     centers = np.array([[320.0, 240.0], [80.0, 80.0]])
     guess = translation(-14.0, 3.0)
-    locations = place(image(gray), image(carried(gray, truth)), centers, known(h=guess), CONFIG)
+    locations = locate(image(gray), image(carried(gray, truth)), centers, known(h=guess), CONFIG)
     assert locations.found.tolist() == [False, True]
     assert locations.centers[0] == pytest.approx([306.0, 243.0])
     assert locations.correlation[0] == 0
@@ -167,7 +167,7 @@ def test_no_texture_falls_back_to_the_prediction_and_says_so():
 def test_places_outside_of_the_right_image_are_flagged():
     centers = np.array([[20.0, 240.0], [320.0, 240.0], [WIDTH - 20.0, 240.0]])
     far = translation(300.0, 0.0)
-    locations = place(*pair(far), centers, known(h=far), CONFIG)
+    locations = locate(*pair(far), centers, known(h=far), CONFIG)
     assert locations.outside.tolist() == [False, False, True]
     assert locations.found.tolist() == [True, True, False]
     assert locations.centers[2] == pytest.approx([WIDTH + 280.0, 240.0])
@@ -176,7 +176,7 @@ def test_places_outside_of_the_right_image_are_flagged():
 def test_behind_the_horizon_there_is_no_place():
     h = np.eye(3)
     h[2, 0] = -1 / 400
-    locations = place(*pair(np.eye(3)), np.array([[500.0, 200.0], [10.0, 10.0]]), known(h=h), CONFIG)
+    locations = locate(*pair(np.eye(3)), np.array([[500.0, 200.0], [10.0, 10.0]]), known(h=h), CONFIG)
     assert np.isnan(locations.centers[0]).all()
     assert np.isfinite(locations.centers[1]).all()
     assert locations.outside[0]
@@ -185,15 +185,15 @@ def test_behind_the_horizon_there_is_no_place():
 
 def test_fixed_search_takes_the_predicted_place():
     h = translation(12.0, 5.0)
-    locations = place(*pair(h), grid(), known(h=h), dataclasses.replace(CONFIG, search="fixed"))
+    locations = locate(*pair(h), grid(), known(h=h), dataclasses.replace(CONFIG, search="fixed"))
     assert locations.centers == pytest.approx(grid() + np.array([12, 5]))
     assert not locations.found.any()
 
 
 def test_nothing_to_place_and_images_smaller_than_the_template():
-    assert place(*pair(np.eye(3)), np.zeros((0, 2)), known(), CONFIG).centers.shape == (0, 2)
+    assert locate(*pair(np.eye(3)), np.zeros((0, 2)), known(), CONFIG).centers.shape == (0, 2)
     tiny = image(texture(6, 5, 0))
-    locations = place(tiny, tiny, np.array([[2.0, 3.0]]), known(), CONFIG)
+    locations = locate(tiny, tiny, np.array([[2.0, 3.0]]), known(), CONFIG)
     assert not locations.found[0]
     assert locations.centers[0] == pytest.approx([2, 3])
 
@@ -201,8 +201,8 @@ def test_nothing_to_place_and_images_smaller_than_the_template():
 def test_chunks_do_not_show(monkeypatch):
     truth, initial = translation(4.0, 2.0), known(h=translation(2.0, 1.0))
     images = pair(truth)
-    whole = place(*images, grid(), initial, CONFIG)
-    monkeypatch.setattr("zpm2.global_match.pyramid.CHUNK", 5)
-    parts = place(*images, grid(), initial, CONFIG)
+    whole = locate(*images, grid(), initial, CONFIG)
+    monkeypatch.setattr("zpm2.global_match.pyramid.CORRELATION_CHUNK", 5)
+    parts = locate(*images, grid(), initial, CONFIG)
     assert parts.centers == pytest.approx(whole.centers, abs=1e-9)
     assert np.array_equal(parts.found, whole.found)

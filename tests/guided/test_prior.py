@@ -2,9 +2,12 @@ import numpy as np
 import shapely
 from shapes import arrays, square
 
+from zpm2.config import GuidedConfig
 from zpm2.global_match import Candidates
-from zpm2.guided.prior import MIN_AGREEMENT, GuidedPrior
+from zpm2.guided.prior import GuidedPrior
 from zpm2.polygons.warp import WarpedPolygons
+
+CONFIG = GuidedConfig(min_match_overlap=0.5)
 
 
 def guided_prior():
@@ -14,7 +17,7 @@ def guided_prior():
         warped,
         confident=(np.array([True, False, True]), np.array([True, True, False])),
         guided=(np.array([False, False, True]), np.array([False, True, False])),
-        min_overlap=0.5,
+        config=CONFIG,
     )
 
 
@@ -25,12 +28,12 @@ def pairs(*rows):
 def test_only_doubtful_pairs_need_agreement():
     asked = pairs((0, 0), (1, 0), (1, 0), (1, 0), (0, 2))
     overlap = np.array([0.36, 0.9, 0.49, 0.9, 0.6])
-    agreement = np.array([0.0, 0.9, 0.9, MIN_AGREEMENT - 0.01, MIN_AGREEMENT])
-    assert list(guided_prior().believes(asked, overlap, agreement)) == [True, True, False, False, True]
+    agreement = np.array([0.0, 0.9, 0.9, CONFIG.min_agreement - 0.01, CONFIG.min_agreement])
+    assert list(guided_prior().accepts(asked, overlap, agreement)) == [True, True, False, False, True]
 
 
 def test_found_by_asking():
-    assert list(guided_prior().found(pairs((0, 0), (0, 1), (2, 0), (2, 1)))) == [False, True, True, True]
+    assert list(guided_prior().is_guided(pairs((0, 0), (0, 1), (2, 0), (2, 1)))) == [False, True, True, True]
 
 
 def test_what_carried_polygons_meet_becomes_a_candidate():

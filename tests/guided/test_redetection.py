@@ -13,7 +13,7 @@ from zpm2 import config, geometry
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import redetection
 from zpm2.model import PointMatches, PolygonArrays, PolygonMatch
-from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.overlap import iou
 
 H = np.array([[1.02, 0.05, -14.0], [-0.04, 0.98, 9.0], [0, 0, 1]])
 CONFIG = config.assign(config.preset("default"), ["segment.grid=16", "segment.min_area=30"])
@@ -35,8 +35,8 @@ def scene(left_shy=(), right_shy=(), points=600, size=256):
     right = PaintedView(blank(size, size, 2), [Region(moved(s), shy=k in right_shy) for k, s in enumerate(shapes)])
     at = np.random.default_rng(0).uniform(0, 256, (points, 2))
     known = PointMatches(at, geometry.project(H, at), np.ones(points))
-    automatic_masks = np.ones(points, bool)
-    return (left, right), InitialGeometry(known, np.zeros((3, 3)), H, automatic_masks, automatic_masks)
+    consistent = np.ones(points, bool)
+    return (left, right), InitialGeometry(known, np.zeros((3, 3)), H, consistent, consistent)
 
 
 def match(left, right):
@@ -52,9 +52,7 @@ def test_the_second_image_is_asked_about_the_regions_of_the_first():
     assert pair.left.confident.all()
     assert pair.right.confident.all()
     guided_prior = redetection.guided_prior(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
-    best = [
-        overlaps(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guided_prior.warped.shapes
-    ]
+    best = [iou(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guided_prior.warped.shapes]
     assert min(best) > 0.9
 
 
@@ -147,7 +145,7 @@ def test_doubtful_regions_stay_only_if_they_are_matched():
     assert pair.left.confident.sum() == 13
     doubtful = np.flatnonzero(~pair.left.confident)
     partner = nearest(pair.left.polygons[doubtful[0]], pair)
-    (left, right), matches = redetection.settle(pair, [match(int(doubtful[0]), partner)])
+    (left, right), matches = redetection.drop_unconfirmed(pair, [match(int(doubtful[0]), partner)], CONFIG.vectorize)
     assert (len(left), len(right), len(matches)) == (14, 16, 1)
     assert [p.id for p in left] == list(range(14))
     assert np.array_equal(left[matches[0].left].exterior, pair.left.polygons[doubtful[0]].exterior)

@@ -14,7 +14,7 @@ seeds = st.integers(0, 10**6)
 
 def cost(psi, dsf, texture):
     columns = np.array([psi], float), np.array([dsf]), np.array([texture], float)
-    return float(assignment.matching_cost(*columns, GAMMA, EPSILON)[0])
+    return float(assignment.matching_cost(*columns, CONFIG)[0])
 
 
 def random_pairs(rng, m, n, share):
@@ -67,7 +67,7 @@ def test_a_negative_correlation_never_attracts(psi, texture):
 @given(st.floats(0.01, 1), st.integers(0, 2 * GAMMA), st.floats(-1, 1))
 def test_few_points_count_where_texture_says_less(psi, dsf, texture):
     columns = np.array([psi]), np.array([dsf]), np.array([texture])
-    few = float(assignment.matching_cost(*columns, GAMMA, EPSILON, few_points=True)[0])
+    few = float(assignment.matching_cost(*columns, LocalConfig(few_points=True))[0])
     if dsf >= GAMMA or texture >= dsf / GAMMA or dsf == 0:
         assert few == cost(psi, dsf, texture)
     else:
@@ -77,7 +77,9 @@ def test_few_points_count_where_texture_says_less(psi, dsf, texture):
 
 def test_without_a_threshold_points_always_decide():
     for few_points in (False, True):
-        zeta = assignment.matching_cost(np.ones(2), np.array([0, 3]), np.zeros(2), 0, EPSILON, few_points)
+        zeta = assignment.matching_cost(
+            np.ones(2), np.array([0, 3]), np.zeros(2), LocalConfig(gamma=0, few_points=few_points)
+        )
         assert zeta == pytest.approx(1 / (np.log(np.array([0, 3]) + np.e) + EPSILON))
 
 
@@ -107,7 +109,7 @@ def test_components_and_both_solvers_reach_the_dense_optimum(seed, share, dense)
     pairs = random_pairs(rng, int(rng.integers(1, 50)), int(rng.integers(1, 50)), share)
     values = rng.uniform(0.1, 1.3 * UNMATCHED, len(pairs))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assignment, "DENSE", dense)
+        patch.setattr(assignment, "DENSE_SIZE", dense)
         energy, chosen = solved(pairs, values)
     best_energy, best = reference.assign_dense(as_costs(pairs, values), UNMATCHED)
     assert energy == pytest.approx(best_energy)
@@ -120,7 +122,7 @@ def test_a_component_larger_than_dense_takes_the_sparse_solver(monkeypatch):
     monkeypatch.setattr(
         assignment, "min_weight_full_bipartite_matching", lambda graph: used.append(graph.shape) or sparse(graph)
     )
-    n = assignment.DENSE + 1
+    n = assignment.DENSE_SIZE + 1
     i = np.arange(n)
     pairs = Candidates.of(np.r_[i, i[1:]], np.r_[i, i[1:] - 1])  # one chain
     rng = np.random.default_rng(0)

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapes import square
 
-from zpm2.local_match.exclusive import MIN_KEPT, MIN_OVERLAP, MOSTLY, exclusive
+from zpm2.config import ExclusiveConfig
+from zpm2.local_match.exclusive import exclusive
 from zpm2.model import Polygon
 from zpm2.polygons.rasterize import rasterize
 from zpm2.polygons.shapes import from_shape
@@ -14,6 +15,7 @@ from zpm2.polygons.trace import trace
 
 WIDTH, HEIGHT = 22, 16
 SIZES = (WIDTH, HEIGHT), (WIDTH, HEIGHT)
+CONFIG = ExclusiveConfig()
 LEAST = 3.0  # px, of a piece
 
 
@@ -23,7 +25,7 @@ def shift(dx=0, dy=0):
 
 def flatten(pairs, confidence, maps=None, min_area=LEAST, sizes=SIZES):
     maps = np.tile(shift(), (len(pairs), 1, 1)) if maps is None else maps
-    return exclusive(pairs, np.array(confidence, float), maps, sizes, min_area)
+    return exclusive(pairs, np.array(confidence, float), maps, sizes, min_area, CONFIG)
 
 
 def box(id, x0, y0, x1, y1, **more):
@@ -48,7 +50,8 @@ def reference(pairs, confidence, shifts, min_area):
 
     def inside(a, b):
         return size[a] < size[b] and any(
-            0 < len(side[a]) < len(side[b]) and len(side[a] & side[b]) > MOSTLY * len(side[a]) for side in sides
+            0 < len(side[a]) < len(side[b]) and len(side[a] & side[b]) > CONFIG.min_part * len(side[a])
+            for side in sides
         )
 
     def sure(k):
@@ -76,7 +79,7 @@ def keep(whole, taken, by, min_area):
     left, right = max(((a, b) for a in parts[0] for b in parts[1]), key=lambda pair: len(moved(pair[0], by) & pair[1]))
     if [len(left), len(right)] == [len(own) for own in whole]:
         return left, right
-    enough = min(MIN_OVERLAP, MIN_KEPT * overlap(*whole, by))
+    enough = min(CONFIG.min_overlap, CONFIG.min_kept * overlap(*whole, by))
     return (left, right) if overlap(left, right, by) >= enough else None
 
 

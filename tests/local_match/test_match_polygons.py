@@ -8,20 +8,23 @@ from twoplanes import Scene, scene
 
 from zpm2.config import PRESETS, Config, LocalConfig
 from zpm2.errors import Failed
-from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, place, search_candidates
-from zpm2.local_match import match_polygons, matcher
-from zpm2.local_match.confidence import confidence, unsupported
+from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, locate, search_candidates
+from zpm2.local_match import MatchProblem, match_polygons, scoring
+from zpm2.local_match.confidence import confidence, lower_confidence
 from zpm2.model import PointMatches, PolygonArrays
 
 PAPER = PRESETS["paper"]
+WEIGHTS = PAPER.local_match.confidence
 NEAR, FAR = 40.0, 150.0  # px of disparity between the planes: within reach of the pyramid's window, and out of it
 
 
 def run(given: Scene, config: Config = PAPER, initial: InitialGeometry | None = None):
     initial = initial or initial_geometry(given.points, config.global_match, config.seed)
-    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    locations = locate(*given.images, given.polygons[0].centers, initial, config.global_match)
     candidates = search_candidates(*given.polygons, locations, config.global_match)
-    return match_polygons(given.images, given.polygons, initial, locations, candidates, config.local_match)
+    return match_polygons(
+        MatchProblem(given.images, given.polygons, initial, locations, candidates), config.local_match
+    )
 
 
 def pairs(matches):
@@ -135,10 +138,10 @@ def test_without_places_the_second_round_does_it_all(off):
     initial = initial_geometry(given.points, PAPER.global_match, 0)
     n, centers = len(given.polygons[0]), given.polygons[0].centers
     nowhere = PyramidLocations(
-        centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool), initial.expected(centers)
+        centers + off, np.zeros(n, bool), np.zeros(n), np.ones(n, bool), initial.prior_locations(centers)
     )
     none = Candidates.of(np.zeros(0, np.int64), np.zeros(0, np.int64))
-    matches = match_polygons(given.images, given.polygons, initial, nowhere, none, PAPER.local_match)
+    matches = match_polygons(MatchProblem(given.images, given.polygons, initial, nowhere, none), PAPER.local_match)
     assert {match.stage for match in matches} == {"local"}
     assert pairs(matches) == given.truth
 
@@ -165,10 +168,10 @@ def test_polygons_on_the_border_and_of_no_texture_do_no_harm():
 
 def test_evaluated_pairs_grow_with_the_polygons_not_with_their_square(monkeypatch):
     evaluated = []
-    evaluate = matcher._CandidateScorer.evaluate
+    evaluate = scoring.CandidateScorer.score
     monkeypatch.setattr(
-        matcher._CandidateScorer,
-        "evaluate",
+        scoring.CandidateScorer,
+        "score",
         lambda self, given, *rest: evaluated.append(len(given)) or evaluate(self, given, *rest),
     )
     shares = []
@@ -186,12 +189,12 @@ def test_evaluated_pairs_grow_with_the_polygons_not_with_their_square(monkeypatc
 
 def test_confidence_is_a_share_that_grows_with_the_overlap():
     overlap = np.linspace(0, 1, 11)
-    sure = confidence(overlap, np.full(11, 5), np.full(11, 0.4), np.full(11, 0.9))
+    sure = confidence(overlap, np.full(11, 5), np.full(11, 0.4), np.full(11, 0.9), WEIGHTS)
     assert (sure > 0).all()
     assert (sure < 1).all()
     assert (np.diff(sure) > 0).all()
-    assert confidence(np.ones(1), np.array([0]), np.array([-1.0]), np.ones(1)) == pytest.approx(
-        confidence(np.ones(1), np.array([0]), np.array([0.0]), np.ones(1))
+    assert confidence(np.ones(1), np.array([0]), np.array([-1.0]), np.ones(1), WEIGHTS) == pytest.approx(
+        confidence(np.ones(1), np.array([0]), np.array([0.0]), np.ones(1), WEIGHTS)
     )
 
 
@@ -213,6 +216,6 @@ def test_the_pair_as_a_whole_says_whether_it_shows_one_scene():
     matches = run(given, initial=few)
     assert len(matches) > 40
     assert max(match.confidence for match in matches) > 0.8
-    doubted = unsupported(matches)
+    doubted = lower_confidence(matches, PAPER.local_match.confidence)
     assert [(m.left, m.right) for m in doubted] == [(m.left, m.right) for m in matches]
     assert max(match.confidence for match in doubted) <= 0.1

@@ -5,12 +5,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapes import square, star
 
+from zpm2.config import OutlineConfig
 from zpm2.local_match import outline, reference
 from zpm2.local_match.outline import align, outline_correspondence
 
 seeds = st.integers(0, 10**6)
+CONFIG = OutlineConfig()
 IDENTITY = np.eye(3)
 ROWS = np.array([[0, 0, 0], [0, 0, -1], [0, 1, 0]], float)  # F of a rectified pair: epipolar lines are the rows
+
+
+def correspondence(left, right, matrix, step=2.0, fundamental=None):
+    return outline_correspondence(left, right, matrix, CONFIG, step, fundamental)
 
 
 def random_map(rng, size):
@@ -43,7 +49,7 @@ def advances(ring, points):
 
 
 def test_a_square_and_itself_by_hand():
-    found = outline_correspondence(square(0, 0, 10, 10), square(0, 0, 10, 10), IDENTITY, step=2.5)
+    found = correspondence(square(0, 0, 10, 10), square(0, 0, 10, 10), IDENTITY, step=2.5)
     along = np.arange(16) * 2.5
     corners = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]], float)
     xy = np.c_[np.interp(along, np.arange(5) * 10, corners[:, 0]), np.interp(along, np.arange(5) * 10, corners[:, 1])]
@@ -60,7 +66,7 @@ def test_an_exact_homography_is_followed_exactly(seed, n, more, backwards, mirro
     if mirrored:
         matrix = matrix @ np.diag([-1, 1, 1])
     right = with_more_vertices(rng, mapped(matrix, left), more)
-    found = outline_correspondence(left, right[::-1] if backwards else right, matrix, step)
+    found = correspondence(left, right[::-1] if backwards else right, matrix, step)
     apart = np.linalg.norm(mapped(matrix, found[:, :2]) - found[:, 2:4], axis=1)
     assert found[:, 4] == pytest.approx(apart, abs=1e-6)
     assert np.quantile(apart, 0.95) < 0.05 * step
@@ -72,9 +78,9 @@ def test_pairs_go_once_around_both_rings(seed, n, m, size, known):
     """Also for rings that have nothing to do with each other."""
     rng = np.random.default_rng(seed)
     left, right = star(rng, n, size=size), star(rng, m, size=size * rng.uniform(0.3, 2))
-    found = outline_correspondence(left, right, IDENTITY, 2.0, ROWS if known else None)
+    found = correspondence(left, right, IDENTITY, 2.0, ROWS if known else None)
     assert np.isfinite(found).all()
-    assert len(found) >= outline.MIN_SAMPLES / 2
+    assert len(found) >= CONFIG.min_samples / 2
     for ring, points in ((left, found[:, :2]), (right, found[:, 2:4])):
         assert shapely.distance(shapely.LinearRing(ring), shapely.points(points)).max() < 1e-6
         assert advances(ring, points).sum() == pytest.approx(shapely.LinearRing(ring).length, abs=1e-3)
@@ -85,7 +91,7 @@ def test_steps_are_even_where_outlines_are_alike(seed, n, noise):
     rng = np.random.default_rng(seed)
     left = star(rng, n, size=80)
     right = np.roll(left + rng.normal(0, noise, left.shape), int(rng.integers(n)), axis=0)
-    found = outline_correspondence(left, right, IDENTITY)
+    found = correspondence(left, right, IDENTITY)
     for ring, points in ((left, found[:, :2]), (right, found[:, 2:4])):
         assert advances(ring, points).max() < 3 * 2.0
     assert np.median(found[:, 4]) <= 1.5 * noise + 0.01
@@ -95,7 +101,7 @@ def test_a_bump_shows_in_the_residual_and_nowhere_else():
     plain = square(0, 0, 100, 100)
     bump = np.array([[0, 0], [40, 0], [40, -20], [60, -20], [60, 0], [100, 0], [100, 100], [0, 100]], float)
     for left, right in ((plain, bump), (bump, plain)):
-        found = outline_correspondence(left, right, IDENTITY)
+        found = correspondence(left, right, IDENTITY)
         on_bump = (found[:, 1] < -3) | (found[:, 3] < -3)
         assert found[on_bump, 4].min() > 2
         assert found[on_bump, 4].max() == pytest.approx(20, abs=1)
@@ -108,7 +114,7 @@ def test_a_bump_shows_in_the_residual_and_nowhere_else():
 def test_both_sides_of_a_thin_arm_keep_apart():
     """Nearest points would jump across it: the map is 3 px off, the arm 4 px thin."""
     arm = np.array([[0, 0], [30, 0], [30, 40], [90, 40], [90, 44], [30, 44], [30, 80], [0, 80]], float)
-    found = outline_correspondence(arm, np.add(arm, (0, 3)), IDENTITY)
+    found = correspondence(arm, np.add(arm, (0, 3)), IDENTITY)
     upper = (found[:, 1] == 40) & (found[:, 0] > 40) & (found[:, 0] < 85)
     assert upper.sum() > 15
     assert np.abs(found[upper, 3] - 43).max() < 1e-6
@@ -121,7 +127,7 @@ def test_epipolar_lines_say_where_along_an_outline(seed):
     left = star(rng, 14, (200, 200), 80)
     right, matrix = np.add(left, (25, 0)), IDENTITY.copy()
     matrix[:2, 2] = 25, 4
-    blind, guided = (outline_correspondence(left, right, matrix, 2.0, f) for f in (None, ROWS))
+    blind, guided = (correspondence(left, right, matrix, 2.0, f) for f in (None, ROWS))
     off = [np.median(np.abs(o[:, 1] - o[:, 3])) for o in (blind, guided)]
     assert off[1] < 0.05 < off[0]
 
@@ -130,18 +136,18 @@ def test_rows_begin_at_the_first_vertex_of_the_left_ring():
     ring = star(np.random.default_rng(4), 9, size=50)
     for first in range(9):
         left = np.roll(ring, -first, axis=0)
-        found = outline_correspondence(left, ring, IDENTITY)
+        found = correspondence(left, ring, IDENTITY)
         assert np.linalg.norm(found[0, :2] - left[0]) < 1e-6
 
 
 def test_tiny_and_huge_rings():
     tiny = np.array([[0, 0], [0.6, 0], [0, 0.4]])
-    found = outline_correspondence(tiny, tiny[[1, 2, 0]] + 7, np.array([[1, 0, 7], [0, 1, 7], [0, 0, 1.0]]))
-    assert len(found) == outline.MIN_SAMPLES
+    found = correspondence(tiny, tiny[[1, 2, 0]] + 7, np.array([[1, 0, 7], [0, 1, 7], [0, 0, 1.0]]))
+    assert len(found) == CONFIG.min_samples
     assert found[:, 4].max() < 1e-3
     huge = star(np.random.default_rng(0), 30, size=20000)
-    found = outline_correspondence(huge, huge, IDENTITY)
-    assert len(found) == outline.MAX_SAMPLES
+    found = correspondence(huge, huge, IDENTITY)
+    assert len(found) == CONFIG.max_samples
     assert found[:, 4].max() < 1e-6
 
 
@@ -155,19 +161,19 @@ def test_tiny_and_huge_rings():
     ],
 )
 def test_a_map_that_tears_or_flattens_the_ring_gives_nothing(matrix):
-    found = outline_correspondence(square(0, 0, 10, 10), square(0, 0, 10, 10), np.array(matrix, float))
+    found = correspondence(square(0, 0, 10, 10), square(0, 0, 10, 10), np.array(matrix, float))
     assert found.shape == (0, 5)
 
 
 def test_a_flat_ring_gives_nothing():
     ring, flat = square(0, 0, 10, 10), np.array([[0, 0], [5, 5], [10, 10.0]])
     for left, right in ((ring, flat), (flat, ring), (ring, np.ones((4, 2)))):
-        assert outline_correspondence(left, right, IDENTITY).shape == (0, 5)
+        assert correspondence(left, right, IDENTITY).shape == (0, 5)
 
 
 def test_the_scale_of_the_map_does_not_matter():
     ring = star(np.random.default_rng(2), 9, size=50)
-    found = [outline_correspondence(ring, ring, scale * IDENTITY) for scale in (1.0, -3.0, 1e-4)]
+    found = [correspondence(ring, ring, scale * IDENTITY) for scale in (1.0, -3.0, 1e-4)]
     for other in found[1:]:
         assert other == pytest.approx(found[0], abs=1e-6)
 
@@ -177,14 +183,16 @@ def test_alignment_is_the_best_of_all_starts(seed, n, m, noise):
     rng = np.random.default_rng(seed)
     left = star(rng, n, size=20)
     right = star(rng, m, size=20) if noise is None else np.roll(left, m, axis=0) + rng.normal(0, noise, left.shape)
-    cost = outline._costs(outline._Outline(left, 7.0), outline._Outline(right, 7.0), np.zeros((3, 3)))
-    assert summed(cost, align(cost)) == pytest.approx(reference.once_around(cost.tolist()), rel=1e-9)
+    cost = outline._costs(
+        outline._Outline(left, 7.0, CONFIG), outline._Outline(right, 7.0, CONFIG), np.zeros((3, 3)), CONFIG
+    )
+    assert summed(cost, align(cost, CONFIG)) == pytest.approx(reference.once_around(cost.tolist()), rel=1e-9)
 
 
 @given(seeds, st.integers(1, 9), st.integers(1, 9))
 def test_alignment_of_any_costs_is_a_walk_around_both(seed, p, q):
     cost = np.random.default_rng(seed).uniform(0, 1, (p, q))
-    path = align(cost)
+    path = align(cost, CONFIG)
     steps = np.diff(np.concatenate([path, np.add(path[:1], (p, q))]), axis=0)
     assert {tuple(step) for step in steps.tolist()} <= {(0, 1), (1, 0), (1, 1)}
     assert summed(cost, path) >= reference.once_around(cost.tolist()) - 1e-9

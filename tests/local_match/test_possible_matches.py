@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from twoplanes import scene
 
 from zpm2.config import PRESETS, LocalConfig
-from zpm2.global_match import initial_geometry, place, search_candidates
-from zpm2.local_match import match_polygons, one_to_one, possible_matches
+from zpm2.global_match import initial_geometry, locate, search_candidates
+from zpm2.local_match import MatchProblem, match_polygons, one_to_one, possible_matches
 from zpm2.local_match.reference import assign_exhaustive
 from zpm2.model import PolygonArrays, PolygonMatch
 
 
 def stages(given, config):
     initial = initial_geometry(given.points, config.global_match, config.seed)
-    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    locations = locate(*given.images, given.polygons[0].centers, initial, config.global_match)
     candidates = search_candidates(*given.polygons, locations, config.global_match)
-    return given.images, given.polygons, initial, locations, candidates, config.local_match
+    return MatchProblem(given.images, given.polygons, initial, locations, candidates), config.local_match
 
 
 def values(match):

@@ -49,7 +49,7 @@ def test_embeddings_together_are_those_of_each(monkeypatch):
     rng = np.random.default_rng(0)
     rings = [star(rng, n) for n in (5, 3, 9, 5, 5, 9, 4)]
     for chords in (1, 60, 10**6):
-        monkeypatch.setattr(shape, "CHORDS", chords)
+        monkeypatch.setattr(shape, "CHORD_CHUNK", chords)
         for ring, alpha in zip(rings, shape.embeddings(rings, K), strict=True):
             assert np.array_equal(alpha, shape.embedding(ring, K))
     assert shape.embeddings([], K) == []

@@ -4,11 +4,14 @@ import pytest
 import shapely
 from shapes import square, star
 
+from zpm2.config import LocalConfig
+from zpm2.global_match import Candidates
 from zpm2.local_match import texture as module
-from zpm2.local_match.texture import Patches, correlation
+from zpm2.local_match.texture import TexturePatches, correlation
 from zpm2.model import Image
 
 SIZE = 24
+MIN_CONTRAST = LocalConfig().min_contrast
 SIDE = 300
 IDENTITY = np.eye(3)[None]
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
@@ -32,9 +35,9 @@ def shapes(*rings):
 
 def r(first, second, left=None, right=None, to_left=IDENTITY):
     frame = shapes(star(np.random.default_rng(1), 9, (150, 140), 50)) if left is None else left
-    a = Patches(image(first), frame, to_left, SIZE)
-    b = Patches(image(second), frame if right is None else right, IDENTITY, SIZE)
-    return correlation(a, np.zeros(1, np.int64), b, np.zeros(1, np.int64))[0]
+    a = TexturePatches(image(first), frame, to_left, SIZE)
+    b = TexturePatches(image(second), frame if right is None else right, IDENTITY, SIZE)
+    return correlation((a, b), Candidates(np.zeros(1, np.int64), np.zeros(1, np.int64)), MIN_CONTRAST)[0]
 
 
 def test_the_same_texture():
@@ -91,19 +94,19 @@ def test_a_rotated_pair_is_seen_through_the_rectified_frame(degrees):
 
 def test_large_polygons_are_sampled_without_aliasing():
     stripes = np.broadcast_to(128 + 100.0 * (np.arange(SIDE) % 2), (SIDE, SIDE))
-    patches = Patches(image(stripes), shapes(square(20, 20, 280, 280)), IDENTITY, SIZE)
+    patches = TexturePatches(image(stripes), shapes(square(20, 20, 280, 280)), IDENTITY, SIZE)
     assert patches.values[0].std() < 12
 
 
 def test_nothing_of_an_empty_or_outside_frame_is_seen():
     frames = np.array([shapely.Polygon(), shapely.box(400, 400, 450, 450), shapely.box(-50, 100, 50, 200)])
-    patches = Patches(image(grain()), frames, np.repeat(IDENTITY, 3, axis=0), SIZE)
+    patches = TexturePatches(image(grain()), frames, np.repeat(IDENTITY, 3, axis=0), SIZE)
     assert patches.inside.sum(1).tolist() == [0, 0, SIZE**2 / 2]
-    rows = np.array([0, 1])
-    assert correlation(patches, rows, patches, rows).tolist() == [0, 0]
-    none = Patches(image(grain()), frames[:0], np.zeros((0, 3, 3)), SIZE)
+    pairs = Candidates(np.array([0, 1]), np.array([0, 1]))
+    assert correlation((patches, patches), pairs, MIN_CONTRAST).tolist() == [0, 0]
+    none = TexturePatches(image(grain()), frames[:0], np.zeros((0, 3, 3)), SIZE)
     assert none.values.shape == (0, SIZE**2)
-    assert len(correlation(none, rows[:0], none, rows[:0])) == 0
+    assert len(correlation((none, none), pairs[np.zeros(0, np.intp)], MIN_CONTRAST)) == 0
 
 
 def test_parts_do_not_show(monkeypatch):
@@ -113,12 +116,15 @@ def test_parts_do_not_show(monkeypatch):
     i, j = (rows.ravel() for rows in np.meshgrid(np.arange(5), np.arange(5)))
 
     def both():
-        first, second = Patches(image(grain()), frames, maps, SIZE), Patches(image(grain(1)), frames, maps, SIZE)
-        return first.values, correlation(first, i, second, j)
+        first, second = (
+            TexturePatches(image(grain()), frames, maps, SIZE),
+            TexturePatches(image(grain(1)), frames, maps, SIZE),
+        )
+        return first.values, correlation((first, second), Candidates(i, j), MIN_CONTRAST)
 
     values, whole = both()
-    monkeypatch.setattr(module, "PATCHES", 2)
-    monkeypatch.setattr(module, "PAIRS", 3)
+    monkeypatch.setattr(module, "PATCH_CHUNK", 2)
+    monkeypatch.setattr(module, "PAIR_CHUNK", 3)
     again, parts = both()
     assert np.array_equal(values, again)
     assert parts == pytest.approx(whole)

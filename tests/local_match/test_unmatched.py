@@ -5,7 +5,8 @@ import pytest
 import shapely
 from shapes import arrays, square
 
-from zpm2.local_match.unmatched import REASONS, reasons, visible
+from zpm2.config import LocalConfig
+from zpm2.local_match.unmatched import REASONS, unmatched_reasons, visible_share
 from zpm2.model import PolygonArrays
 from zpm2.polygons.warp import WarpedPolygons
 
@@ -25,9 +26,9 @@ def warped(rings, shift=SHIFT):
 def why(left, right, partner, known=None, valid=None, min_overlap=MIN_OVERLAP):
     """Reasons by row of the left rings."""
     there = warped(left if known is None else known)
-    seen = visible(there, SIZE, valid)
+    visible = visible_share(there, SIZE, valid)
     given = arrays(left), arrays(right) if right else PolygonArrays([])
-    found = reasons(*given, np.array(partner, np.int64), there, seen, min_overlap)
+    found = unmatched_reasons(*given, np.array(partner, np.int64), there, visible, LocalConfig(min_overlap=min_overlap))
     return {id - 100: reason for id, reason in found.items()}
 
 
@@ -129,23 +130,23 @@ def test_all_reasons_in_one_scene():
 )
 def test_the_share_that_lies_in_the_photograph(ring, share):
     there = warped([ring], 0.0)
-    assert visible(there, SIZE) == pytest.approx([share])
-    assert visible(there, SIZE, np.ones((30, 40), bool)) == pytest.approx([share])
-    assert visible(there, SIZE, np.zeros((30, 40), bool)) == pytest.approx([0.0])
+    assert visible_share(there, SIZE) == pytest.approx([share])
+    assert visible_share(there, SIZE, np.ones((30, 40), bool)) == pytest.approx([share])
+    assert visible_share(there, SIZE, np.zeros((30, 40), bool)) == pytest.approx([0.0])
 
 
 def test_an_empty_shape_is_not_visible():
     there = warped([None, A], 0.0)
-    assert visible(there, SIZE).tolist() == [0.0, 1.0]
-    assert visible(there, SIZE, np.ones((300, 400), bool)).tolist() == [0.0, 1.0]
-    assert visible(warped([]), SIZE).shape == (0,)
-    assert visible(warped([]), SIZE, np.ones((300, 400), bool)).shape == (0,)
+    assert visible_share(there, SIZE).tolist() == [0.0, 1.0]
+    assert visible_share(there, SIZE, np.ones((300, 400), bool)).tolist() == [0.0, 1.0]
+    assert visible_share(warped([]), SIZE).shape == (0,)
+    assert visible_share(warped([]), SIZE, np.ones((300, 400), bool)).shape == (0,)
 
 
 def test_an_outline_along_the_end_of_the_data_is_no_gap():
     valid = np.ones((300, 400), bool)
     valid[:, :200] = False
-    assert visible(warped([square(199, 50, 300, 250)], 0.0), SIZE, valid) == pytest.approx([1.0])
+    assert visible_share(warped([square(199, 50, 300, 250)], 0.0), SIZE, valid) == pytest.approx([1.0])
 
 
 @pytest.mark.parametrize("resolution", [(300, 400), (75, 100), (30, 41)])
@@ -155,7 +156,7 @@ def test_data_in_a_part_of_it(resolution):
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     disc = 60 * np.c_[np.cos(angle), np.sin(angle)]
     there = warped([disc + np.array([x, 150]) for x in (100, 200, 300)], 0.0)
-    share = visible(there, SIZE, valid)
+    share = visible_share(there, SIZE, valid)
     assert share[0] == 0
     assert 0.35 < share[1] < 0.65
     assert share[2] == pytest.approx(1.0)

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from shapes import arrays, square, star
 
 from zpm2 import geometry
+from zpm2.config import HomographyConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations
 from zpm2.model import PointMatches
-from zpm2.polygons import local_homography
 from zpm2.polygons.local_homography import fit_homographies
-from zpm2.polygons.overlap import overlaps
-from zpm2.polygons.transform import transformed
+from zpm2.polygons.overlap import iou
+from zpm2.polygons.transform import transform_polygons
 
 seeds = st.integers(0, 10**6)
 
@@ -49,19 +49,17 @@ def regions(seed, count, groups=3):
     return truth, np.stack(prior), np.concatenate(left), np.concatenate(right), np.repeat(np.arange(groups), count)
 
 
-def fit(left, right, group, prior):
-    return fit_homographies(PointMatches(left, right, np.ones(len(left))), np.arange(len(left)), group, prior)
+def fit(left, right, group, prior, **config):
+    points = PointMatches(left, right, np.ones(len(left)))
+    return fit_homographies(points, np.arange(len(left)), group, prior, HomographyConfig(**config))
 
 
 @given(seeds, st.integers(12, 60), st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_exact_points_give_the_exact_map_and_that_of_opencv(seed, count, with_prior):
     truth, prior, left, right, group = regions(seed, count)
-    with pytest.MonkeyPatch.context() as patch:
-        if not with_prior:
-            patch.setattr(local_homography, "PRIOR_LINEAR", 0.0)
-            patch.setattr(local_homography, "PRIOR_PROJECTIVE", 0.0)
-        matrices = fit(left, right, group, prior)
+    weights = {} if with_prior else {"affine_prior": 0.0, "projective_prior": 0.0}
+    matrices = fit(left, right, group, prior, **weights)
     near = 0.4 if with_prior else 1e-3  # px; the prior pulls a strong perspective a little
     for g, matrix in enumerate(matrices):
         mine = group == g
@@ -131,8 +129,8 @@ def test_a_noisy_small_region_far_from_the_corner_is_not_lost(seed):
     prior[:2, 2] = shift
     matrix = fit(left, left + shift + rng.normal(0, 0.7, left.shape), np.zeros(8, int), prior[None])[0]
     polygon = arrays([center + star(rng, 10, size=10)])
-    moved = transformed(polygon, np.zeros(1, np.int64), matrix[None])[0]
-    assert overlaps(np.array([moved]), np.array([shapely.affinity.translate(polygon.shapes[0], *shift)]))[0] > 0.5
+    moved = transform_polygons(polygon, np.zeros(1, np.int64), matrix[None])[0]
+    assert iou(np.array([moved]), np.array([shapely.affinity.translate(polygon.shapes[0], *shift)]))[0] > 0.5
 
 
 def test_groups_do_not_influence_each_other():
@@ -153,7 +151,7 @@ def test_placed_maps_put_the_centre_to_its_place():
     each = Candidates(np.arange(2), np.arange(2))
     for h in (homography, Failed("none")):
         initial = InitialGeometry(PointMatches.empty(), Failed("none"), h, np.zeros(0, bool), np.zeros(0, bool))
-        expected_by_h = initial.expected(polygons.centers)
+        expected_by_h = initial.prior_locations(polygons.centers)
         placement = PyramidLocations(places, np.ones(2, bool), np.ones(2), np.zeros(2, bool), expected_by_h)
         matrices = placement.maps(polygons.centers, each.left)
         for k in range(2):
@@ -168,12 +166,12 @@ def test_rectified_shapes_move_holes_and_drop_what_lies_beyond_the_horizon():
     shift, horizon = np.eye(3), np.eye(3)
     shift[:2, 2] = 5, 7
     horizon[2, 0] = -1 / 30
-    moved = transformed(polygons, np.array([0, 1, 1]), np.stack([shift, shift, horizon]))
+    moved = transform_polygons(polygons, np.array([0, 1, 1]), np.stack([shift, shift, horizon]))
     assert moved[0].equals(shapely.Polygon(square(5, 7, 15, 17), [square(9, 11, 11, 13)]))
     assert moved[1].equals(shapely.Polygon(square(25, 7, 45, 17)))
     assert moved[2].is_empty
     assert polygons.shapes[0].bounds == (0, 0, 10, 10)
-    assert len(transformed(polygons, np.zeros(0, np.int64), np.zeros((0, 3, 3)))) == 0
+    assert len(transform_polygons(polygons, np.zeros(0, np.int64), np.zeros((0, 3, 3)))) == 0
 
 
 def test_overlaps():
@@ -187,12 +185,12 @@ def test_overlaps():
             shapely.Polygon(),
         ]
     )
-    assert overlaps(first, second) == pytest.approx([1, 1 / 3, 0, 0, 0])
+    assert iou(first, second) == pytest.approx([1, 1 / 3, 0, 0, 0])
 
 
 def test_a_shape_whose_rings_cross_keeps_its_larger_part():
     touching = np.array([(4, 1), (7, 7), (6, 5), (5, 1), (6, 0), (7, 7)], float)
     for ring in (touching, touching[::-1]):
-        (found,) = transformed(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
+        (found,) = transform_polygons(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
         assert found.is_valid
         assert found.area == pytest.approx(5 * 2 * 3)

@@ -250,7 +250,7 @@ def plain_parents(polygons):
 def test_parent_is_the_smallest_polygon_around(boxes):
     polygons = [from_shape(shapely.box(x, y, x + w, y + h), 7 * k) for k, (x, y, w, h) in enumerate(boxes)]
     areas = {p.id: p.area for p in polygons}
-    for polygon, plain in zip(with_parents(polygons), plain_parents(polygons), strict=True):
+    for polygon, plain in zip(with_parents(polygons, EXACT), plain_parents(polygons), strict=True):
         assert (polygon.parent is None) == (plain is None)
         assert polygon.parent is None or areas[polygon.parent] == areas[plain]
 

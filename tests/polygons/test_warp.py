@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 from shapes import arrays, square, star
 
 from zpm2 import geometry
+from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches
-from zpm2.polygons.overlap import overlaps
-from zpm2.polygons.warp import AROUND, warp_by_points
+from zpm2.polygons.overlap import iou
+from zpm2.polygons.warp import warp_by_points
 
-GAMMA = 8
+CONFIG = LocalConfig(gamma=8)
 H = np.array([[0.9, 0.1, 30.0], [-0.1, 1.1, 5.0], [1e-4, -5e-5, 1.0]])
 
 
@@ -33,10 +34,10 @@ def some_polygons(rng, n=12):
 def test_many_points_of_its_own_carry_a_polygon_exactly():
     rng = np.random.default_rng(0)
     polygons = some_polygons(rng)
-    warped = warp_by_points(polygons, points(rng.uniform(0, 500, (6000, 2))), Failed("not looked for"), GAMMA)
-    assert (warped.own >= GAMMA).all()
+    warped = warp_by_points(polygons, points(rng.uniform(0, 500, (6000, 2))), Failed("not looked for"), CONFIG)
+    assert (warped.own >= CONFIG.gamma).all()
     assert len(warped) == len(polygons)
-    assert overlaps(warped.shapes, truth(polygons)).min() > 0.995
+    assert iou(warped.shapes, truth(polygons)).min() > 0.995
 
 
 def test_outliers_do_not_carry_it_away():
@@ -44,7 +45,7 @@ def test_outliers_do_not_carry_it_away():
     polygons, known = some_polygons(rng), points(rng.uniform(0, 500, (6000, 2)))
     wrong = rng.random(len(known)) < 0.2
     known.right[wrong] = rng.uniform(0, 500, (wrong.sum(), 2))
-    assert overlaps(warp_by_points(polygons, known, H, GAMMA).shapes, truth(polygons)).min() > 0.95
+    assert iou(warp_by_points(polygons, known, H, CONFIG).shapes, truth(polygons)).min() > 0.95
 
 
 @settings(max_examples=40, deadline=None)
@@ -53,20 +54,23 @@ def test_an_affine_pair_is_exact_whatever_the_points(seed, n):
     rng = np.random.default_rng(seed)
     affine = np.array([[1.1, 0.2, -20.0], [-0.15, 0.9, 12.0], [0, 0, 1]])
     polygons = some_polygons(rng, 5)
-    warped = warp_by_points(polygons, points(rng.uniform(0, 500, (n, 2)), affine), affine, GAMMA)
-    assert overlaps(warped.shapes, truth(polygons, affine)).min() > 0.999
+    warped = warp_by_points(polygons, points(rng.uniform(0, 500, (n, 2)), affine), affine, CONFIG)
+    assert iou(warped.shapes, truth(polygons, affine)).min() > 0.999
 
 
 def test_without_points_of_its_own_the_nearest_ones_say_how_it_moves():
     polygons = arrays([square(100, 100, 140, 140), square(400, 400, 440, 440)])
     rng = np.random.default_rng(2)
-    beside_first, beside_second = rng.uniform(150, 180, (AROUND, 2)), rng.uniform(450, 480, (AROUND, 2))
+    beside_first, beside_second = (
+        rng.uniform(150, 180, (CONFIG.nearest_points, 2)),
+        rng.uniform(450, 480, (CONFIG.nearest_points, 2)),
+    )
     known = PointMatches(
         np.concatenate([beside_first, beside_second]),
         np.concatenate([beside_first + np.array([7, 0]), beside_second + np.array([-20, 3])]),
-        np.ones(2 * AROUND),
+        np.ones(2 * CONFIG.nearest_points),
     )
-    warped = warp_by_points(polygons, known, Failed("none"), GAMMA)
+    warped = warp_by_points(polygons, known, Failed("none"), CONFIG)
     assert list(warped.own) == [0, 0]
     assert warped.shapes[0].bounds == pytest.approx((107, 100, 147, 140))
     assert warped.shapes[1].bounds == pytest.approx((380, 403, 420, 443))
@@ -80,15 +84,15 @@ def test_a_few_points_of_its_own_outvote_the_neighbours():
         np.concatenate([own + np.array([30, 0]), others + np.array([2, 0])]),
         np.ones(len(own) + 20),
     )
-    warped = warp_by_points(polygons, known, Failed("none"), GAMMA)
+    warped = warp_by_points(polygons, known, Failed("none"), CONFIG)
     assert warped.own[0] == 3
     assert warped.shapes[0].bounds == pytest.approx((130, 100, 170, 140))
 
 
 def test_without_any_point_there_is_no_saying():
-    warped = warp_by_points(arrays([square(0, 0, 9, 9)]), PointMatches.empty(), H, GAMMA)
+    warped = warp_by_points(arrays([square(0, 0, 9, 9)]), PointMatches.empty(), H, CONFIG)
     assert warped.shapes[0].is_empty
-    assert len(warp_by_points(arrays([]), points(np.ones((3, 2))), H, GAMMA)) == 0
+    assert len(warp_by_points(arrays([]), points(np.ones((3, 2))), H, CONFIG)) == 0
 
 
 def test_beyond_the_horizon_there_is_no_shape():
@@ -96,7 +100,7 @@ def test_beyond_the_horizon_there_is_no_shape():
     polygons = arrays([square(20, 10, 130, 30)])
     inside = np.random.default_rng(4).uniform((20, 10), (90, 30), (200, 2))
     known = points(inside, tilted)
-    assert warp_by_points(polygons, known, tilted, GAMMA).shapes[0].is_empty
+    assert warp_by_points(polygons, known, tilted, CONFIG).shapes[0].is_empty
 
 
 def test_backwards_undoes_forwards():
@@ -106,9 +110,9 @@ def test_backwards_undoes_forwards():
     consistent[::7] = False
     initial = InitialGeometry(known, Failed("none"), H, consistent, consistent)
     polygons = some_polygons(rng)
-    there = warp_by_points(polygons, *initial.forward(), GAMMA)
+    there = warp_by_points(polygons, *initial.forward(), CONFIG)
     back = warp_by_points(
-        arrays([shapely.get_coordinates(s.exterior)[:-1] for s in there.shapes]), *initial.backward(), GAMMA
+        arrays([shapely.get_coordinates(s.exterior)[:-1] for s in there.shapes]), *initial.backward(), CONFIG
     )
     assert len(initial.forward()[0]) == len(initial.backward()[0]) == consistent.sum()
-    assert overlaps(back.shapes, polygons.shapes).min() > 0.99
+    assert iou(back.shapes, polygons.shapes).min() > 0.99

@@ -4,9 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from zpm2.config import PromptConfig
 from zpm2.model import Image
-from zpm2.segment.blobs import RADIUS, SCALES, Blobs, blobs, has_data
+from zpm2.segment.blobs import DISC_RADIUS, Blobs, blobs, has_data
 
+CONFIG = PromptConfig()
 SIZE = 128, 256  # of a decoded mask
 
 
@@ -19,14 +21,14 @@ def picture(discs: list[tuple[int, int, float, int]], scale: int = 4) -> np.ndar
 
 
 def found_on(image: Image) -> Blobs:
-    return blobs(image, has_data(image, SIZE))
+    return blobs(image, has_data(image, SIZE), CONFIG)
 
 
-@pytest.mark.parametrize("sigma", SCALES)
+@pytest.mark.parametrize("sigma", CONFIG.blob_sigmas)
 def test_a_disc_stands_out_at_its_middle_and_scale(sigma: float) -> None:
-    found = found_on(Image(picture([(100, 60, RADIUS * sigma, 200)])))
+    found = found_on(Image(picture([(100, 60, DISC_RADIUS * sigma, 200)])))
     assert found.points[0] == pytest.approx([100, 60], abs=1)
-    assert np.sqrt(found.area[0] / np.pi) == pytest.approx(RADIUS * sigma)
+    assert np.sqrt(found.area[0] / np.pi) == pytest.approx(DISC_RADIUS * sigma)
 
 
 def test_the_most_different_one_comes_first() -> None:

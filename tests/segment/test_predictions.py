@@ -1,10 +1,10 @@
 import numpy as np
 
-from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 
 
 def some(prompt, score, stability):
-    logits = np.zeros((len(prompt), LOW, LOW), np.float16)
+    logits = np.zeros((len(prompt), MASK_SIDE, MASK_SIDE), np.float16)
     logits[:, 0, 0] = np.arange(len(prompt)) - 0.5
     return MaskPredictions(np.array(prompt), np.array(score, np.float32), np.array(stability, np.float32), logits)
 
@@ -26,8 +26,10 @@ def test_answers():
     assert list(predictions.passing(MaskThresholds(0.6, 0.5))) == [True, True, True]
     assert list(predictions.bits[:, 0, 0]) == [False, True, True]
     assert list(predictions[predictions.score > 0.7].prompt) == [0, 2]
-    joined = MaskPredictions.join([predictions, MaskPredictions.none((LOW, LOW)), predictions[np.array([2])]])
+    joined = MaskPredictions.join(
+        [predictions, MaskPredictions.none((MASK_SIDE, MASK_SIDE)), predictions[np.array([2])]]
+    )
     assert list(joined.prompt) == [0, 0, 2, 2]
     assert np.array_equal(joined.logits[2], joined.logits[3])
-    assert len(MaskPredictions.none((LOW, LOW))) == 0
-    assert MaskPredictions.none((20, LOW)).bits.shape == (0, 20, LOW)
+    assert len(MaskPredictions.none((MASK_SIDE, MASK_SIDE))) == 0
+    assert MaskPredictions.none((20, MASK_SIDE)).bits.shape == (0, 20, MASK_SIDE)

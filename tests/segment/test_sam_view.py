@@ -7,7 +7,7 @@ from rendered import Pair
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
-from zpm2.segment.predictions import CORNER, INSIDE, LOW, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter, SamView, decoded_size
 
 pytestmark = pytest.mark.weights
@@ -69,8 +69,8 @@ def test_nothing_asked_nothing_answered(view: SamView) -> None:
 
 
 def test_masks_cover_the_image_and_no_padding(view: SamView, points: np.ndarray) -> None:
-    assert max(view.size) == LOW
-    assert view.size[0] / view.size[1] == pytest.approx(view.image.height / view.image.width, abs=1 / LOW)
+    assert max(view.size) == MASK_SIDE
+    assert view.size[0] / view.size[1] == pytest.approx(view.image.height / view.image.width, abs=1 / MASK_SIDE)
     assert view.predict(Prompts.at(points), EVERYTHING).bits.shape[1:] == view.size
 
 

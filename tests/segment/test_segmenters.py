@@ -16,7 +16,7 @@ from zpm2.errors import InputError
 from zpm2.model import Image, Mask
 from zpm2.polygons.vectorize import vectorize
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.segment.protocol import Segmenter
+from zpm2.segment.protocol import FromFile, HasNotes, Segmenter, notes_of
 from zpm2.segment.sam import SamSegmenter
 
 SAM = SegmentConfig(grid=4, min_area=150.0)
@@ -159,3 +159,20 @@ def test_sam_masks_lie_on_what_they_show(sam: SamSegmenter) -> None:
     assert (best & disc).sum() > 0.95 * (best | disc).sum()
     at = np.argwhere(best).mean(0) + 0.5
     assert at == pytest.approx([120, 320], abs=0.5)
+
+
+def test_what_a_segmenter_may_have_besides_its_regions(tmp_path: Path) -> None:
+    class Plain:
+        name = "plain"
+
+        def segment(self, image: Image) -> list[Mask]:
+            return []
+
+    class Talkative(Plain):
+        notes = ("one thing",)
+        path = tmp_path / "regions.geojson"
+
+    assert (notes_of(Plain()), notes_of(Talkative())) == ([], ["one thing"])
+    assert not isinstance(Plain(), HasNotes | FromFile)
+    assert isinstance(Talkative(), FromFile)
+    assert isinstance(SamSegmenter(SegmentConfig()), HasNotes)

@@ -8,10 +8,10 @@ import pytest
 import shapely
 
 from zpm2 import geometry
-from zpm2.config import PRESETS, GuidedConfig, TilesConfig, assign
-from zpm2.global_match import initial_geometry, place, search_candidates
+from zpm2.config import PRESETS, GuidedConfig, LocalConfig, TilesConfig, assign
+from zpm2.global_match import initial_geometry, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
-from zpm2.local_match import match_polygons
+from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 from zpm2.photos.source import InMemoryPhoto
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
@@ -96,15 +96,15 @@ def scene(scale=1.0, seed=0, large=False):
 
 def whole(given, config):
     initial = initial_geometry(given.points, config.global_match, config.seed)
-    locations = place(*given.images, given.polygons[0].centers, initial, config.global_match)
+    locations = locate(*given.images, given.polygons[0].centers, initial, config.global_match)
     candidates = search_candidates(*given.polygons, locations, config.global_match)
     guided_prior = None
     if config.guided.direction != "off":
-        warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match.gamma)
-        sure = tuple(np.ones(len(side), bool) for side in given.polygons)
-        guided_prior = GuidedPrior(warped, sure, tuple(~each for each in sure), config.guided.min_match_overlap)
-    local = config.local_match
-    return match_polygons(given.images, given.polygons, initial, locations, candidates, local, guided_prior)
+        warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match)
+        confident = tuple(np.ones(len(side), bool) for side in given.polygons)
+        guided_prior = GuidedPrior(warped, confident, tuple(~each for each in confident), config.guided)
+    problem = MatchProblem(given.images, given.polygons, initial, locations, candidates, guided_prior)
+    return match_polygons(problem, config.local_match)
 
 
 def sized(config, side):
@@ -115,7 +115,7 @@ def in_blocks(given, config, side=SIDE, sources=None, guided=None, warped=None, 
     left, right = given.polygons
     config = sized(config, side)
     found = list(cells(left, given.points, config))
-    warped = warped or warped_by_cells(left, found, config.local_match.gamma)
+    warped = warped or warped_by_cells(left, found, config.local_match)
     guided = guided or (np.zeros(len(left), bool), np.zeros(len(right), bool))
     return match_blocks(LargePair(sources or given.sources, (left, right), guided), found, warped, config, told)
 
@@ -181,7 +181,7 @@ def test_places_that_relief_or_wrong_points_scatter_are_read_in_parts():
     narrow = assign(sized(PRESETS["paper"], SIDE), ["tiles.blocks.margin=8"])
     given = scene()
     found = list(cells(given.polygons[0], given.points, narrow))
-    warped = warped_by_cells(given.polygons[0], found, 8)
+    warped = warped_by_cells(given.polygons[0], found, LocalConfig(gamma=8))
     shapes = warped.shapes.copy()
     shapes[3] = shapely.affinity.translate(shapes[3], 540, 300)  # of one block
     huge = shapely.affinity.scale(shapes[12], 40, 40)  # near the horizon of a wrong map

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zpm2.config import Config, SegmentConfig, StitchConfig, VectorizeConfig
-from zpm2.polygons.overlap import overlaps as iou
+from zpm2.polygons.overlap import iou
 from zpm2.polygons.shapes import from_shape
 from zpm2.tiled import stitch as stitching
 from zpm2.tiled.stitch import RegionPieces, suppress
@@ -88,7 +88,7 @@ def tiled(shapes, side=SIDE, overlap=OVERLAP, level=1, size=SIZE):
 
 
 def put_together(given, size=SIZE, tolerance=1.0, least=LEAST, nms_iou=0.7):
-    return stitch(pieces_of(given, size), size, nms_iou, tolerance, least)
+    return stitch(pieces_of(given, size), size, nms_iou, VectorizeConfig(tolerance), least)
 
 
 def agreement(found, wanted):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zpm2 import geometry
-from zpm2.config import Config
+from zpm2.config import Config, LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.model import PointMatches, Polygon, PolygonArrays
@@ -81,7 +81,7 @@ def test_each_side_of_a_scene_has_its_own_geometry():
         own = np.abs(cell.initial.points.left - middle).max()
         assert own < 2 * SIDE
     assert checked > 20
-    warped = warped_by_cells(arrays, found, CONFIG.local_match.gamma)
+    warped = warped_by_cells(arrays, found, CONFIG.local_match)
     for k, center in enumerate(arrays.centers):
         if abs(center[0] - HALF) > 1.5 * SIDE:
             motion = MOTIONS[int(center[0] > HALF)]
@@ -94,7 +94,7 @@ def test_points_of_another_place_say_nothing():
     arrays = polygons([(100, 100, 40, 30)])
     (cell,) = cells(arrays, mosaic(500, 1, low=(3 * SIDE, 0)), SIDE, CONFIG)
     assert len(cell.initial.points) == 0
-    assert shapely.is_empty(warped_by_cells(arrays, [cell], 8).shapes).all()
+    assert shapely.is_empty(warped_by_cells(arrays, [cell], LocalConfig(gamma=8)).shapes).all()
 
 
 def test_where_points_are_few_the_nearest_ones_count():
@@ -119,10 +119,10 @@ def test_without_points_there_is_no_geometry_and_no_place():
     assert [type(cell.initial.homography) for cell in found] == [Failed] * 2
     assert [type(cell.initial.fundamental) for cell in found] == [Failed] * 2
     assert not any(cell.initial.supported for cell in found)
-    warped = warped_by_cells(arrays, found, CONFIG.local_match.gamma)
+    warped = warped_by_cells(arrays, found, CONFIG.local_match)
     assert shapely.is_empty(warped.shapes).all()
     assert warped.own.tolist() == [0, 0]
-    assert len(warped_by_cells(PolygonArrays([]), [], 8)) == 0
+    assert len(warped_by_cells(PolygonArrays([]), [], LocalConfig(gamma=8))) == 0
 
 
 def test_many_points_are_thinned_evenly():

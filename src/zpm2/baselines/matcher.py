@@ -15,7 +15,7 @@ from zpm2.baselines.inner_distance import InnerDistance
 from zpm2.baselines.shape_context import ShapeContext
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
-from zpm2.guided.regions import RegionStages, no_matches
+from zpm2.guided.regions import RegionFinder, no_matches
 from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
 from zpm2.model.messages import split
 from zpm2.photos.source import ImageLike, opened
@@ -72,7 +72,7 @@ class BaselineMatcher:
         self.method = METHODS[method] if isinstance(method, str) else method
         self.config = configuration.preset(config) if isinstance(config, str) else config
         self.progress = progress
-        self._regions = RegionStages(self.config, segmenter, progress, say)
+        self._regions = RegionFinder(self.config, segmenter, progress, say)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs and errors are those of `Matcher`; large pairs are matched as a whole, too, which
@@ -82,7 +82,7 @@ class BaselineMatcher:
         method in order and is no chance of being right: shape alone does not say.
         """
         limit = memory.within(self.config.max_memory)
-        with self._regions.turns, limit, opened(left, right, self.config.raster) as sources:
+        with self._regions.lock, limit, opened(left, right, self.config.raster) as sources:
             sizes = [(source.width, source.height) for source in sources]
             estimate.refuse_whole(self.config, sizes, self._regions.given)
             result = match_whole(self._match, sources, self.config)
@@ -96,7 +96,7 @@ class BaselineMatcher:
             self._regions.load()
         with clock("detect"):
             found = self._regions.detect((left, right))
-            sides, _ = found.sides(())
+            sides, _ = found.sides((), self.config.vectorize)
         with clock("describe"):
             shapes = method.describe(sides[0].polygons), method.describe(sides[1].polygons)
         with clock("compare"):

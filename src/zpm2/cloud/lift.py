@@ -18,7 +18,7 @@ from zpm2.cloud.surface_view import SurfaceView
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model import Polygon, PosedCamera
-from zpm2.polygons.repair import mended
+from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -93,7 +93,7 @@ def outline_in(rings: Sequence[SurfaceRing], camera: PosedCamera, surface: Surfa
     seen = [camera.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()
-    return mended(shapely.Polygon(seen[0], seen[1:]))
+    return repaired(shapely.Polygon(seen[0], seen[1:]))
 
 
 def sampled_boundaries(shapes: Sequence[shapely.Polygon], view: SurfaceView, step: float) -> list[Array]:

@@ -15,7 +15,7 @@ from zpm2.cloud.lift import Lifted
 from zpm2.cloud.surface import SurfaceMesh, crosses, paired_edges
 from zpm2.errors import Failed
 from zpm2.model import Camera, PosedCamera
-from zpm2.polygons.repair import mended
+from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -126,7 +126,7 @@ class Cutter:
         """
         surface = self.surface
         rings = [self._pinhole.project(ring.points + surface.origin) for ring in lifted.rings]
-        shape = mended(shapely.Polygon(rings[0], rings[1:]))
+        shape = repaired(shapely.Polygon(rings[0], rings[1:]))
         if shape.area == 0:
             return Failed("its boundary encloses nothing")
         border = np.unique(np.concatenate([ring.faces for ring in lifted.rings]))

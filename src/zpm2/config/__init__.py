@@ -5,15 +5,23 @@ A field is declared with its meaning, unit, range and source beside it (`fields`
 """
 
 from zpm2.config.cloud import CloudConfig
-from zpm2.config.global_match import GlobalConfig
-from zpm2.config.load import OPTIONS, assign, load, with_options
-from zpm2.config.local_match import GuidedConfig, LocalConfig
+from zpm2.config.global_match import ChanceConfig, GlobalConfig
+from zpm2.config.load import OPTIONS, assign, load, recorded, with_options
+from zpm2.config.local_match import (
+    ConfidenceConfig,
+    ExclusiveConfig,
+    GuidedConfig,
+    HomographyConfig,
+    LocalConfig,
+    OutlineConfig,
+    UnmatchedConfig,
+)
 from zpm2.config.photos import BlocksConfig, CellsConfig, PartnerConfig, RasterConfig, StitchConfig, TilesConfig
 from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, preset
 from zpm2.config.reconstruct import ReconstructConfig
-from zpm2.config.segment import SegmentConfig, VectorizeConfig
+from zpm2.config.segment import PromptConfig, SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
 from zpm2.config.whole import Config, choices, describe
 
@@ -22,16 +30,22 @@ __all__ = [
     "PRESETS",
     "BlocksConfig",
     "CellsConfig",
+    "ChanceConfig",
     "CloudConfig",
+    "ConfidenceConfig",
     "Config",
     "DegeneracyConfig",
+    "ExclusiveConfig",
     "FocalConfig",
     "GlobalConfig",
     "GuidedConfig",
+    "HomographyConfig",
     "LocalConfig",
+    "OutlineConfig",
     "PartnerConfig",
     "PointsConfig",
     "PoseConfig",
+    "PromptConfig",
     "RasterConfig",
     "ReconstructConfig",
     "RotatedRetryConfig",
@@ -39,11 +53,13 @@ __all__ = [
     "StereoConfig",
     "StitchConfig",
     "TilesConfig",
+    "UnmatchedConfig",
     "VectorizeConfig",
     "assign",
     "choices",
     "describe",
     "load",
     "preset",
+    "recorded",
     "with_options",
 ]

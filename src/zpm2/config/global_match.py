@@ -1,9 +1,31 @@
 """Where each polygon should be in the other image, coarsely (paper 3.3)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from zpm2.config.fields import number, option
+from zpm2.config.fields import number, option, share
+
+
+@dataclass(frozen=True)
+class ChanceConfig:
+    """When points agree on a geometry by more than chance, and when an image is mirrored (docs/confidence.md)."""
+
+    significance: float = number(
+        8.0,
+        "a geometry is evidence if at most 10 to the power of minus this many as good ones are expected by chance",
+        unit="decades",
+        source="measured on unrelated pairs",
+    )
+    independent_distance: float = number(
+        16.0,
+        "points closer in both images count once: they see the same texture",
+        unit="px",
+        source="twice the cell of 8 px that networks read descriptors from",
+    )
+    max_points: int = number(20_000, "that are thinned to independent ones, evenly taken from more", low=1)
+    max_compared: int = number(500, "independent points that are compared each with each other", low=2, high=10_000)
+    min_mirror_points: int = number(10, "independent points from which an image may be called mirrored", low=4)
+    min_mirrored: float = share(0.5, "of the points must be turned over for that, or more")
 
 
 @dataclass(frozen=True)
@@ -24,3 +46,4 @@ class GlobalConfig:
     tau: int = number(25, "half of the initial search window W_tau, hence 50 x 50", unit="px", low=1, high=200)
     band: float = number(3.0, "distance to the epipolar line (epsilon of 3.3.2)", unit="px of the pyramid level")
     min_contrast: float = number(2.0, "standard deviation under which a template has no texture", unit="grey levels")
+    chance: ChanceConfig = field(default_factory=ChanceConfig)

@@ -1,11 +1,12 @@
 """Configurations from files, from "stage.field=value" settings, and from options by their short names."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from zpm2.config.parse import hint
-from zpm2.config.whole import Config
+from zpm2.config.whole import Config, describe
 from zpm2.errors import ConfigError
 from zpm2.files.reading import read_json, read_toml
 
@@ -51,10 +52,7 @@ def assign(config: Config, settings: Sequence[str]) -> Config:
         key, equals, text = setting.partition("=")
         if not equals:
             raise ConfigError(f"--set {setting}: expected stage.field=value, for example segment.grid=16")
-        values: Any = text
-        for name in reversed(key.strip().split(".")):
-            values = {name: values}
-        config = Config.from_dict(values, config)
+        config = Config.from_dict(_nested(key.strip(), text), config)
     return config
 
 
@@ -68,7 +66,35 @@ def with_options(config: Config, options: Mapping[str, Any]) -> Config:
         if name not in OPTIONS:
             raise ConfigError(f"unknown option '{name}'{hint(name, OPTIONS)}; options are: {', '.join(OPTIONS)}")
         if value is not None:
-            for part in reversed(OPTIONS[name].split(".")):
-                value = {part: value}
-            config = Config.from_dict(value, config)
+            config = Config.from_dict(_nested(OPTIONS[name], value), config)
     return config
+
+
+def recorded(values: Mapping[str, Any]) -> Config:
+    """The configuration that a result holds; the default of each field that it lacks, or holds no valid value of.
+
+    >>> recorded({"segment": {"min_area": 7, "gird": 9}}).segment.min_area
+    7.0
+    """
+    with suppress(ConfigError):
+        return Config.from_dict(values)
+    config = Config()
+    for key, _, _, _ in describe(config):
+        value: Any = values
+        for name in key.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        if value is not None:
+            with suppress(ConfigError):
+                config = Config.from_dict(_nested(key, value), config)
+    return config
+
+
+def _nested(key: str, value: Any) -> dict[str, Any]:
+    """The field "stage.field" as a nested mapping.
+
+    >>> _nested("segment.grid", 16)
+    {'segment': {'grid': 16}}
+    """
+    for name in reversed(key.split(".")):
+        value = {name: value}
+    return value

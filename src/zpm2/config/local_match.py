@@ -1,9 +1,72 @@
-"""Which polygon is which (paper 3.4), and regions asked for again."""
+"""Which polygon is which (paper 3.4), and guided re-detection."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from zpm2.config.fields import number, option, share
+
+FITTED = "fitted to real pairs with dense ground truth, docs/confidence.md"
+
+
+@dataclass(frozen=True)
+class HomographyConfig:
+    """A polygon's own homography, fitted to the points in it (`polygons.local_homography`, paper 3.4.1)."""
+
+    residual: float = number(2.0, "at which a point's weight has fallen to a half (Cauchy)", unit="px", above=True)
+    iterations: int = number(7, "of reweighted least squares", low=1, high=1000)
+    wide_iterations: int = number(
+        3, "of these, the first ones, in which `residual` is the points' median where that is larger", high=1000
+    )
+    affine_prior: float = number(1e-3, "weight of the prior's linear part", unit="points, in normalised coordinates")
+    projective_prior: float = number(1e-1, "weight of a projective part of 0", unit="the same")
+
+
+@dataclass(frozen=True)
+class ConfidenceConfig:
+    """The chance that a match is right: a logistic model of its evidence (`local_match.confidence`)."""
+
+    intercept: float = number(3.4, "subtracted", unit="log-odds", source=FITTED)
+    overlap: float = number(
+        3.4, "weight of the overlap (IoU) of the rectified polygons", unit="log-odds", source=FITTED
+    )
+    points: float = number(0.46, "weight of log(1 + DSF)", unit="log-odds", source=FITTED)
+    texture: float = number(3.0, "weight of the correlation R of their texture", unit="log-odds", source=FITTED)
+    area: float = number(1.8, "weight of the ratio of their areas", unit="log-odds", source=FITTED)
+    unsupported: float = share(
+        0.1, "factor of all confidences where the points agree no better than by chance: two different scenes"
+    )
+
+
+@dataclass(frozen=True)
+class UnmatchedConfig:
+    """Why a polygon has no partner (`local_match.unmatched`)."""
+
+    min_visible: float = share(0.5, "of a warped polygon in the other image, under which it is outside the overlap")
+    min_hidden: float = share(0.5, "of a warped polygon under polygons from elsewhere, above which it is occluded")
+    max_shared: float = share(0.1, "of two polygons of one image in common, up to which they lie beside each other")
+
+
+@dataclass(frozen=True)
+class ExclusiveConfig:
+    """Matched regions that share no pixel (`local_match.exclusive`)."""
+
+    min_part: float = share(0.5, "of a polygon's pixels in a larger one, above which it is a part of that one")
+    min_overlap: float = share(0.5, "IoU of what a match keeps in both images, from which on the match stays")
+    min_kept: float = share(0.8, "of the whole polygons' IoU, from which on it stays, too")
+    max_pieces: int = number(200, "of one polygon that are compared, the largest ones", low=1, high=254)
+
+
+@dataclass(frozen=True)
+class OutlineConfig:
+    """Homologous points along two outlines (`local_match.outline`)."""
+
+    min_samples: int = number(12, "of an outline", low=3, high=10_000)
+    max_samples: int = number(1500, "of an outline", low=3, high=10_000)
+    epipolar: float = number(2.0, "cost of a pair 1 px off its epipolar line", unit="px")
+    direction: float = number(4.0, "cost of a pair where the outlines are at right angles", unit="px")
+    chord: int = number(2, "samples ahead and behind, between which an outline's direction is taken", low=1, high=100)
+    start_window: int = number(5, "pairs ahead and behind that must fit where an alignment starts", high=100)
+    max_starts: int = number(3, "alignments that are tried", low=1, high=100)
 
 
 @dataclass(frozen=True)
@@ -21,15 +84,30 @@ class LocalConfig:
     iota: float = number(5.0, "similarity threshold: a pair that costs more stays unmatched")
     epsilon: float = number(1e-6, "of the cost")
     patch: int = number(32, "side of the resampled texture patches", unit="px", low=4, high=256)
+    min_contrast: float = number(
+        0.5, "geometric mean of both patches' standard deviations, under which R is 0", unit="grey levels"
+    )
     min_overlap: float = share(0.3, "IoU of the rectified polygon with its candidate under which they cannot match")
+    nearest_points: int = number(8, "that move a polygon without points of its own", low=1, high=10_000)
+    nearest_matches: int = number(5, "matched polygons that move an unmatched one", low=1, high=10_000)
+    homography: HomographyConfig = field(default_factory=HomographyConfig)
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    unmatched: UnmatchedConfig = field(default_factory=UnmatchedConfig)
+    exclusive: ExclusiveConfig = field(default_factory=ExclusiveConfig)
+    outline: OutlineConfig = field(default_factory=OutlineConfig)
 
 
 @dataclass(frozen=True)
 class GuidedConfig:
-    """Guided re-detection: the segmenter is asked in one image about the polygons of the other."""
+    """Guided re-detection: polygons of one image become prompts in the other."""
 
     direction: Literal["off", "forward", "both"] = option("off", "forward: left polygons in the right image only")
-    min_overlap: float = share(0.7, "IoU of an answer with the warped polygon that it was asked for")
+    min_visible: float = share(0.5, "of a warped polygon's area in the other image, from which on it is a prompt")
+    min_pixels: int = number(4, "of a decoded mask that it covers, from which on it is a prompt", low=1, high=10_000)
+    min_overlap: float = share(0.7, "IoU of a mask with the warped polygon that it was prompted with")
+    min_points: int = number(3, "in a polygon; with fewer, its mask must lead back to it", high=10_000)
+    min_return_overlap: float = share(0.5, "IoU of a polygon with the mask that its mask leads back to")
     min_predicted_iou: float = share(0.7, "lower than `segment`'s: agreement between the images is evidence too")
-    min_stability: float = share(0.85, "the same")
+    min_stability: float = share(0.85, "lower than `segment`'s, too")
     min_match_overlap: float = share(0.5, "`local_match.min_overlap` of pairs in which one mask was below `segment`'s")
+    min_agreement: float = share(1 / 3, "of the points in either polygon of such a pair, those in both")

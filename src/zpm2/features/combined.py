@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from zpm2.features.protocol import PointMatcher
 from zpm2.model import Image, PointMatches
-from zpm2.runtime import refuse_forked
+from zpm2.runtime import check_not_forked
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,12 @@ class CombinedMatcher:
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`. Ordered by method, then as the method gives them."""
-        refuse_forked()
+        check_not_forked()
         return self._joined([m.match(left, right) for m in self.matchers])
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""
-        refuse_forked()
+        check_not_forked()
         return [self._joined(found) for found in zip(*(m.match_many(pairs) for m in self.matchers), strict=True)]
 
     def _joined(self, found: Sequence[PointMatches]) -> PointMatches:

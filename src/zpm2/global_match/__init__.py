@@ -1,8 +1,8 @@
-"""Where each polygon should be in the other image, coarsely: initial geometry, then the pyramid (paper 3.3)."""
+"""Global matching (paper 3.3): where each polygon should be in the other image, by initial geometry and the pyramid."""
 
 from zpm2.global_match.candidates import Candidates, search_candidates
-from zpm2.global_match.initial import InitialGeometry, PriorLocations, initial_geometry
-from zpm2.global_match.pyramid import PyramidLocations, place
+from zpm2.global_match.initial import InitialGeometry, PriorLocations, initial_geometry, points_with_data
+from zpm2.global_match.pyramid import PyramidLocations, locate
 
 __all__ = [
     "Candidates",
@@ -10,6 +10,7 @@ __all__ = [
     "PriorLocations",
     "PyramidLocations",
     "initial_geometry",
-    "place",
+    "locate",
+    "points_with_data",
     "search_candidates",
 ]

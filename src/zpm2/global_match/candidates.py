@@ -1,4 +1,4 @@
-"""From places to candidates: which right polygons lie in the final window of which left polygon (paper 3.3.2)."""
+"""From locations to candidates: the right polygons in the final window of each left polygon (paper 3.3.2)."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,9 @@ from zpm2.model import PolygonArrays
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """A sparse many-to-many relation (the paper's M in {0, 1}^(m x n)): row `left[k]` may be row `right[k]`.
+    """Pairs of polygons that may match (the paper's M in {0, 1}^(m x n), sparse): row `left[k]` and row `right[k]`.
 
-    Rows, not ids. Sorted by left, then right; no pair twice.
+    Rows, not ids. Sorted by left, then right, without repetitions.
     """
 
     left: NDArray[np.int64]  # (c,)
@@ -26,7 +26,7 @@ class Candidates:
 
     @staticmethod
     def of(left: NDArray[np.int64], right: NDArray[np.int64]) -> "Candidates":
-        """Sorted, without repetitions."""
+        """The pairs of (c,) rows, in any order and with repetitions."""
         pairs = np.unique(np.c_[left, right].astype(np.int64).reshape(-1, 2), axis=0)
         return Candidates(pairs[:, 0], pairs[:, 1])
 
@@ -37,18 +37,18 @@ class Candidates:
 def search_candidates(
     left: PolygonArrays, right: PolygonArrays, locations: PyramidLocations, config: GlobalConfig
 ) -> Candidates:
-    """Right polygons that meet W_final around each left polygon's place.
+    """The right polygons that touch the window W_final around each left polygon's location.
 
-    W_final is phi x phi px; with `search = fixed` (the ablation of 4.4.1) it reaches as far on each side as the shorter
-    side of the left polygon's bounding box.
+    W_final is phi x phi px. With `search = fixed` (the ablation of 4.4.1) half its side is the shorter side of the left
+    polygon's bounding box.
     """
     usable = np.flatnonzero(np.isfinite(locations.centers).all(1))
     if len(usable) == 0 or len(right) == 0:
         return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64))
-    reach = np.full(len(usable), config.phi / 2.0)
+    half_side = np.full(len(usable), config.phi / 2.0)
     if config.search == "fixed":
-        reach = (left.bounds[usable, 2:] - left.bounds[usable, :2]).min(1)
+        half_side = (left.bounds[usable, 2:] - left.bounds[usable, :2]).min(1)
     center = locations.centers[usable]
-    windows = shapely.box(*(center - reach[:, None]).T, *(center + reach[:, None]).T)
+    windows = shapely.box(*(center - half_side[:, None]).T, *(center + half_side[:, None]).T)
     hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
     return Candidates.of(usable[hit], row)

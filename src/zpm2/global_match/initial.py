@@ -1,32 +1,31 @@
 """Initial matching (paper 3.3.1): F first, then H from the points near their epipolar lines."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.config import GlobalConfig
+from zpm2.config import ChanceConfig, GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match.chance import CHANCE, is_mirrored, log_chance
-from zpm2.model import PointMatches
+from zpm2.global_match.chance import is_mirrored, log_chance
+from zpm2.model import Image, PointMatches
 
 
 @dataclass(frozen=True, eq=False)
 class PriorLocations:
-    """Where n left polygons should be in the right image, before the pyramid looks."""
+    """Where n left polygons should be in the right image, before the pyramid searches."""
 
-    centers: NDArray[np.float64]  # (n, 2) right image px; NaN where there is no saying
-    linear: NDArray[np.float64]  # (n, 2, 2) the local affine part of the map that leads there
+    centers: NDArray[np.float64]  # (n, 2) right image px; NaN where H has no image of a centre
+    linear: NDArray[np.float64]  # (n, 2, 2) the local affine part of the map from left to right
 
 
 @dataclass(frozen=True, eq=False)
 class InitialGeometry:
-    """What the homologous points say about the pair as a whole.
+    """The geometry of the pair as a whole, from the homologous points.
 
-    Every point stays in `points`: those far from their epipolar line take no part in H but are kept (3.3.1), and
-    `consistent` says which they are.
+    All points stay in `points`: those far from their epipolar line are not used for H but are kept (3.3.1).
     """
 
     points: PointMatches  # all of them, (n, 2) image px
@@ -34,16 +33,17 @@ class InitialGeometry:
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
     consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
     planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
+    limits: ChanceConfig = field(default_factory=ChanceConfig)  # what counts as more than chance
 
-    def expected(self, centers: NDArray[np.float64]) -> PriorLocations:
-        """The (n, 2) centres of left polygons through H; where they are, if there is none."""
+    def prior_locations(self, centers: NDArray[np.float64]) -> PriorLocations:
+        """The (n, 2) centres of left polygons mapped by H; unchanged where there is no H."""
         if isinstance(self.homography, Failed):
             return PriorLocations(centers.copy(), np.tile(np.eye(2), (len(centers), 1, 1)))
         linear = geometry.homography_jacobian(self.homography, centers)
         return PriorLocations(geometry.project(self.homography, centers), linear)
 
     def forward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
-        """The points that agree with F, left to right, and H: what carries left polygons over (`polygons.warp`)."""
+        """The points that agree with F, and H, from left to right: what `polygons.warp` warps left polygons by."""
         return self.points[self.consistent], self.homography
 
     def backward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
@@ -62,36 +62,45 @@ class InitialGeometry:
         """log10 of how many epipolar geometries as good as F are expected by chance; 0 where there is no F."""
         if isinstance(self.fundamental, Failed) or not len(self.points):
             return 0.0
-        return log_chance(self.fundamental, self.points, self.consistent, sample=7, models=3)
+        return log_chance(self.fundamental, self.points, self.consistent, sample=7, models=3, config=self.limits)
 
     @property
     def supported(self) -> bool:
         """Whether the points agree better than by chance, so that both photographs show the same scene."""
-        return self.chance <= CHANCE
+        return self.chance <= -self.limits.significance
 
     @cached_property
     def mirrored(self) -> bool:
         """Whether one of the photographs is a mirror image of what a camera sees."""
-        return self.supported and is_mirrored(self.points, self.consistent)
+        return self.supported and is_mirrored(self.points, self.consistent, self.limits)
 
 
 def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> InitialGeometry:
-    """F by MAGSAC++, the epipolar filter, and H by MAGSAC++ on what passes it.
+    """F by MAGSAC++, the epipolar filter, and H by MAGSAC++ on the points that pass it.
 
-    The distance to the epipolar line is measured in px (Sampson), so that the threshold means the same in every pair;
-    the printed |p^T F p| <= epsilon depends on F's arbitrary scale. Without F, H is tried on all points.
+    The distance to the epipolar line is in px (Sampson), so that the threshold means the same in every pair; the
+    printed |p^T F p| <= epsilon depends on F's arbitrary scale. Without F, H is estimated from all points.
     """
-    everything = np.ones(len(points), bool)
+    all_points = np.ones(len(points), bool)
     fundamental = geometry.fundamental_matrix(points.left, points.right, config.epipolar_px, seed)
     if isinstance(fundamental, Failed):
         matrix: NDArray[np.float64] | Failed = fundamental
-        consistent = everything
+        consistent = all_points
     else:
         matrix, _ = fundamental
         consistent = geometry.epipolar_inliers(matrix, points.left, points.right, config.epipolar_px)
     homography = geometry.homography(points.left[consistent], points.right[consistent], config.homography_px, seed)
     planar = np.zeros(len(points), bool)
     if isinstance(homography, Failed):
-        return InitialGeometry(points, matrix, homography, consistent, planar)
+        return InitialGeometry(points, matrix, homography, consistent, planar, config.chance)
     planar[np.flatnonzero(consistent)[homography[1]]] = True
-    return InitialGeometry(points, matrix, homography[0], consistent, planar)
+    return InitialGeometry(points, matrix, homography[0], consistent, planar, config.chance)
+
+
+def points_with_data(points: PointMatches, images: tuple[Image, Image]) -> PointMatches:
+    """The points that lie on pixels with data, in both images."""
+    for side, image in zip(("left", "right"), images, strict=True):
+        if image.valid is not None:
+            column, row = np.clip(getattr(points, side), 0, [image.width - 1, image.height - 1]).astype(np.intp).T
+            points = points[image.valid[row, column]]
+    return points

@@ -1,19 +1,19 @@
 """Bidirectional-pyramid matching (paper 3.3.2, Algorithm 1), for all polygons of a level at once.
 
-Both images become Gaussian pyramids with factor 3 whose top level has a side of at most 200 px. At the top, the centre
-of each left polygon goes through H; there, and then level by level downwards, a 15 x 15 template around the centre is
-looked for in a window of the right image by normalised cross-correlation, within a band around the epipolar line. The
-window found at one level, mapped down, is the next level's search window. Where the paper leaves a choice:
+Both images become Gaussian pyramids with factor 3 whose top level has a side of at most 200 px. At the top, H maps the
+centre of each left polygon. From there, level by level downwards, normalised cross-correlation searches for a 15 x 15
+template around the centre in a window of the right image, within a band around the epipolar line. The window found at
+one level, mapped down, is the next level's search window. Where the paper leaves a choice:
 
 - tau = 25 is read as half a side, so that the first search window has the printed initial search range of 50 x 50.
-- The template is not cut out of the left image but sampled from it through the local affine part of H (3.3(3),
-  geometric rectification), so that a rotated or scaled pair correlates; with H near identity nothing changes.
-- The epipolar constraint is a distance in px of the level, and it chooses among the positions of the window instead of
+- The template is not cut out of the left image but sampled from it by the local affine part of H (3.3(3), geometric
+  rectification), so that a rotated or scaled pair correlates.
+- The epipolar constraint is a distance in px of the level. It restricts the positions that are searched, instead of
   rejecting the best one afterwards.
-- A template without texture, a search window outside the right image or a band that misses the window leave the centre
-  where the level above (or H) put it, and `PyramidLocations.found` says that no level confirmed it.
+- Without texture in the template, with a search window outside the right image or a band that misses the window, the
+  centre stays where the level above (or H) put it, and `PyramidLocations.found` is False.
 
-`reference.py` beside this file is the same in plain loops, for reading and for tests.
+`reference.py` is the same in plain loops, for reading and for tests.
 """
 
 from dataclasses import dataclass
@@ -33,23 +33,23 @@ from zpm2.model import Image
 from zpm2.photos.sampling import bilinear, pyramid
 
 Array = NDArray[np.float64]
-CHUNK = 64  # polygons correlated at a time; larger ones leave the processor's cache
+CORRELATION_CHUNK = 64  # polygons at a time: more do not fit into the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class PyramidLocations:
     """Where the pyramid puts each of n left polygons in the right image."""
 
-    centers: Array  # (n, 2) image px of the right image, sub-pixel; NaN where not even H gives a place
-    found: NDArray[np.bool_]  # (n,) the full-resolution level confirmed the place by correlation
+    centers: Array  # (n, 2) px of the right image, sub-pixel; NaN where H has no image of a centre
+    found: NDArray[np.bool_]  # (n,) confirmed by correlation at full resolution
     correlation: Array  # (n,) NCC at the finest level that correlated, -1..1; 0 where none did
-    outside: NDArray[np.bool_]  # (n,) the expected place is not in the right image
-    expected: PriorLocations  # where the search began
+    outside: NDArray[np.bool_]  # (n,) the prior location is not in the right image
+    prior: PriorLocations  # where the search began
 
     def maps(self, centers: Array, rows: NDArray[np.int64]) -> Array:
-        """(c, 3, 3) maps right ~ map @ left of the polygons `rows` (c,), of all whose (n, 2) `centers` are given: from
-        centre to place, with the local affine part of the map that led there (paper 3.4.1)."""
-        center, jacobian = centers[rows], self.expected.linear[rows]
+        """(c, 3, 3) maps right ~ map @ left of the polygons `rows` (c,): from their centre, of all (n, 2) `centers`, to
+        their location, with the local affine part of the prior (paper 3.4.1)."""
+        center, jacobian = centers[rows], self.prior.linear[rows]
         matrices = np.zeros((len(rows), 3, 3))
         matrices[:, :2, :2] = jacobian
         matrices[:, :2, 2] = self.centers[rows] - np.einsum("nij,nj->ni", jacobian, center)
@@ -66,23 +66,23 @@ def level_count(width: int, height: int, config: GlobalConfig) -> int:
     return count
 
 
-def place(
+def locate(
     left: Image,
     right: Image,
     centers: Array,
     initial: InitialGeometry,
     config: GlobalConfig,
-    expected: PriorLocations | None = None,
+    prior: PriorLocations | None = None,
 ) -> PyramidLocations:
-    """Carry the (n, 2) centres of left polygons, image px, to the right image by Algorithm 1, from where they are
-    `expected` on: where H leads, if nothing better is known."""
+    """The right image's locations of left polygons with (n, 2) `centers`, image px, by Algorithm 1. The search starts
+    at `prior`; without one, where H maps the centres."""
     n = len(centers)
-    expected = initial.expected(centers) if expected is None else expected
-    predicted, jacobian = expected.centers.copy(), expected.linear
+    prior = initial.prior_locations(centers) if prior is None else prior
+    predicted, jacobian = prior.centers.copy(), prior.linear
     outside = np.logical_not((predicted >= 0).all(1) & (predicted < [right.width, right.height]).all(1))
     found, correlation = np.zeros(n, bool), np.zeros(n)
     if config.search == "fixed":
-        return PyramidLocations(predicted, found, correlation, outside, expected)
+        return PyramidLocations(predicted, found, correlation, outside, prior)
     levels = level_count(left.width, left.height, config)
     left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
     lines = None
@@ -92,45 +92,34 @@ def place(
     window = 2 * config.tau
     for level in range(levels, -1, -1):
         scale = float(config.factor) ** level
-        for start in range(0, len(active), CHUNK):
-            rows = active[start : start + CHUNK]
+        for start in range(0, len(active), CORRELATION_CHUNK):
+            rows = active[start : start + CORRELATION_CHUNK]
             line = None if lines is None else lines[rows] / [1, 1, scale]  # a x + b y + c, in px of this level
-            moved, score, ok = _search(
-                left_levels[level],
-                right_levels[level],
-                centers[rows] / scale,
-                predicted[rows] / scale,
-                jacobian[rows],
-                line,
-                window,
-                config,
-            )
+            template = sample_templates(left_levels[level], centers[rows] / scale, jacobian[rows], config.phi)
+            moved, score, ok = _search(right_levels[level], template, predicted[rows] / scale, line, window, config)
             predicted[rows] = np.where(ok[:, None], moved * scale, predicted[rows])
             correlation[rows] = np.where(ok, score, correlation[rows])
             found[rows] = ok
         window = config.phi * config.factor
-    return PyramidLocations(predicted, found, correlation, outside, expected)
+    return PyramidLocations(predicted, found, correlation, outside, prior)
 
 
 def _search(
-    left: NDArray[np.float32],
     right: NDArray[np.float32],
-    centers: Array,
+    template: NDArray[np.float32],
     predicted: Array,
-    jacobian: Array,
     lines: Array | None,
     window: int,
     config: GlobalConfig,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """One level: templates around `centers` (m, 2), looked for in `window` x `window` px around `predicted` (m, 2).
+    """One level: searches for the templates (m, phi, phi) in `window` x `window` px around `predicted` (m, 2).
 
-    Returns the places (m, 2), their NCC (m,) and whether there is one (m,). Everything in px of the level.
+    Returns locations (m, 2), their NCC (m,) and whether one was found (m,). Everything in px of the level.
     """
     phi = config.phi
-    template = sample_templates(left, centers, jacobian, phi)
     textured = np.asarray(template.std((1, 2)) >= config.min_contrast)
     window += 1 - window % 2  # odd, so that the predicted pixel is the middle one
-    pixel = np.floor(predicted).astype(np.int64)  # pixel that holds the predicted place
+    pixel = np.floor(predicted).astype(np.int64)  # that holds the predicted location
     offset = np.arange(window) - window // 2
     rows, columns = pixel[:, 1:] + offset, pixel[:, :1] + offset
     inside_y, inside_x = (rows >= 0) & (rows < right.shape[0]), (columns >= 0) & (columns < right.shape[1])
@@ -141,10 +130,10 @@ def _search(
     full_y = sliding_window_view(inside_y, phi, axis=1).min(-1)
     full_x = sliding_window_view(inside_x, phi, axis=1).min(-1)
     allowed = full_y[:, :, None] & full_x[:, None] & textured[:, None, None]
-    reach = np.arange(window - phi + 1) - (window - phi) // 2
+    shift = np.arange(window - phi + 1) - (window - phi) // 2
     if lines is not None:
-        x = (pixel[:, :1] + reach + 0.5)[:, None]
-        y = (pixel[:, 1:] + reach + 0.5)[:, :, None]
+        x = (pixel[:, :1] + shift + 0.5)[:, None]
+        y = (pixel[:, 1:] + shift + 0.5)[:, :, None]
         a, b, c = lines.T[:, :, None, None]
         allowed &= np.abs(a * x + b * y + c) <= config.band
     score = np.where(allowed, score, -2.0)
@@ -155,13 +144,13 @@ def _search(
 
 
 def sample_templates(image: NDArray[np.float32], centers: Array, jacobian: Array, phi: int) -> NDArray[np.float32]:
-    """(m, phi, phi) templates of the left image as the right image shows them: the grid of offsets goes back through
-    the local affine part of H. `centers` (m, 2) in px of the level; outside of the image the border is repeated."""
+    """(m, phi, phi) templates of the left image as the right image should show them: the grid of offsets is mapped back
+    by `jacobian` (m, 2, 2). `centers` (m, 2) in px of the level; outside the image, its border is repeated."""
     offset = np.arange(phi) - phi // 2
     grid = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)  # x, y
     determinant = np.linalg.det(jacobian)
-    sane = np.abs(determinant) > 1e-3
-    inverse = np.linalg.inv(np.where(sane[:, None, None], jacobian, np.eye(2)))
+    invertible = np.abs(determinant) > 1e-3
+    inverse = np.linalg.inv(np.where(invertible[:, None, None], jacobian, np.eye(2)))
     at = centers[:, None] - 0.5 + grid @ inverse.transpose(0, 2, 1)  # pixel centres at 0
     return bilinear(image, at).reshape(-1, phi, phi)
 
@@ -169,8 +158,8 @@ def sample_templates(image: NDArray[np.float32], centers: Array, jacobian: Array
 def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array:
     """Normalised cross-correlation (Eq. R) of each template with each position of its own search area.
 
-    (m, s, s) and (m, t, t) -> (m, s - t + 1, s - t + 1), -1..1; 0 where an area has no texture. By FFT, after
-    taking out each area's mean.
+    (m, s, s) and (m, t, t) -> (m, s - t + 1, s - t + 1), -1..1; 0 where an area has no texture. By FFT, after each
+    area's mean is subtracted, for the precision of float32.
     """
     t = template.shape[-1]
     positions = area.shape[-1] - t + 1
@@ -181,13 +170,13 @@ def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array
     numerator = fft.irfft2(product, (size, size))[:, :positions, :positions]
     total, squares = _box_sums(levelled, t)
     energy = np.maximum(squares - total**2 / t**2, 0.0) * (centred**2).sum((1, 2))[:, None, None]
-    floor = (t * t) ** 2 * 1e-6  # a thousandth of a grey level on either side
-    return np.clip(np.where(energy > floor, numerator / np.sqrt(np.maximum(energy, floor)), 0.0), -1.0, 1.0)
+    least = (t * t) ** 2 * 1e-6  # rounding errors: standard deviations whose product is a thousandth
+    return np.clip(np.where(energy > least, numerator / np.sqrt(np.maximum(energy, least)), 0.0), -1.0, 1.0)
 
 
 def _box_sums(values: NDArray[np.float32], t: int) -> tuple[Array, Array]:
-    """Sums of the values, and of their squares, in each t x t box of (m, s, s) areas, of all of them in one picture:
-    boxes over the border between two are cut off."""
+    """Sums of the values, and of their squares, in each t x t box of (m, s, s) areas. All areas are filtered as one
+    picture; boxes across the border of two are cut off."""
     m, s, _ = values.shape
     picture, n = values.reshape(m * s, s), s - t + 1
     total, squares = (
@@ -198,9 +187,10 @@ def _box_sums(values: NDArray[np.float32], t: int) -> tuple[Array, Array]:
 
 
 def subpixel_peaks(score: Array) -> tuple[Array, Array]:
-    """The highest position of each (m, p, p) map as (m, 2) x, y with a parabola through its neighbours, and its value.
+    """(m, 2) x, y of the highest value of each (m, p, p) map, refined by a parabola through its neighbours, and the
+    value.
 
-    At a border of the map or of what is allowed (values under -1) the whole pixel stays.
+    There is no refinement at the border of the map, or beside positions that are not allowed (values below -1).
     """
     m, p, _ = score.shape
     best = score.reshape(m, -1).argmax(1)

@@ -1,6 +1,6 @@
-"""Algorithm 1 (paper 3.3.2) in plain loops, one polygon at a time: to be read, and to test `pyramid.py` with.
+"""Algorithm 1 (paper 3.3.2) in plain loops, one polygon at a time: for reading, and to test `pyramid.py` with.
 
-Every choice that the paper leaves open is made as `pyramid.py` states it. Slow on purpose.
+Where the paper leaves a choice, it is made as `pyramid.py` states. Clear rather than fast.
 """
 
 import math
@@ -20,24 +20,24 @@ Array = NDArray[np.float64]
 Gray = NDArray[np.float32]
 
 
-def place(
-    left: Image, right: Image, centers: Array, geometry_: InitialGeometry, config: GlobalConfig
+def locate(
+    left: Image, right: Image, centers: Array, initial: InitialGeometry, config: GlobalConfig
 ) -> PyramidLocations:
-    """Carry the (n, 2) centres of left polygons, image px, to the right image."""
+    """The right image's locations of left polygons with (n, 2) centres, image px."""
     levels = level_count(left.width, left.height, config)
     x_pyramid, y_pyramid = pyramid(left.gray, levels, config.factor), pyramid(right.gray, levels, config.factor)
     n = len(centers)
-    start = geometry_.expected(centers)
+    start = initial.prior_locations(centers)
     result = PyramidLocations(np.zeros((n, 2)), np.zeros(n, bool), np.zeros(n), np.zeros(n, bool), start)
     for i, c in enumerate(centers):
-        at, jacobian = _predict(c, geometry_)
+        at, jacobian = _predict(c, initial)
         result.outside[i] = not (0 <= at[0] < right.width and 0 <= at[1] < right.height)
         if np.isfinite(at).all() and config.search == "pyramid":
             size = 2 * config.tau  # W_tau at the top (line 4), W_phi of the level above later on (line 7)
             for k in range(levels, -1, -1):
                 scale = config.factor**k
                 template = cut_template(x_pyramid[k], c / scale, jacobian, config.phi)  # lines 1 and 2
-                line = _epipolar_line(c, geometry_, scale)
+                line = _epipolar_line(c, initial, scale)
                 peak, score = _search(y_pyramid[k], template, at / scale, size, line, config)  # lines 8 and 9
                 result.found[i] = score > 0
                 if score > 0:
@@ -48,7 +48,7 @@ def place(
 
 
 def cut_template(image: Gray, center: Array, jacobian: Array, phi: int) -> Array:
-    """(phi, phi) values around `center`, px of the level, as the right image shows them."""
+    """(phi, phi) values around `center`, px of the level, as the right image should show them."""
     back = np.linalg.inv(jacobian)
     half = phi // 2
     template = np.zeros((phi, phi))
@@ -66,26 +66,27 @@ def ncc(first: Array, second: Array) -> float:
     return float((a * b).sum() / math.sqrt(energy)) if energy > a.size**2 * 1e-6 else 0.0
 
 
-def _predict(c: Array, geometry_: InitialGeometry) -> tuple[Array, Array]:
+def _predict(c: Array, initial: InitialGeometry) -> tuple[Array, Array]:
     """c' = H c and the local affine part of H there."""
-    if isinstance(geometry_.homography, Failed):
+    if isinstance(initial.homography, Failed):
         return c, np.eye(2)
-    at, jacobian = (f(geometry_.homography, c[None])[0] for f in (geometry.project, geometry.homography_jacobian))
+    at, jacobian = (f(initial.homography, c[None])[0] for f in (geometry.project, geometry.homography_jacobian))
     return at, jacobian
 
 
-def _epipolar_line(c: Array, geometry_: InitialGeometry, scale: int) -> Array | None:
+def _epipolar_line(c: Array, initial: InitialGeometry, scale: int) -> Array | None:
     """a, b, c of the epipolar line of `c`, in px of the level, a^2 + b^2 = 1."""
-    if isinstance(geometry_.fundamental, Failed):
+    if isinstance(initial.fundamental, Failed):
         return None
-    a, b, offset = geometry_.fundamental @ [c[0], c[1], 1.0]
+    a, b, offset = initial.fundamental @ [c[0], c[1], 1.0]
     return np.array([a, b, offset / scale]) / math.hypot(a, b)
 
 
 def _search(
     image: Gray, template: Array, at: Array, size: int, line: Array | None, config: GlobalConfig
 ) -> tuple[Array, float]:
-    """c'' and its NCC: the best position of the template in the window of `size` px around `at`; -2 where none is."""
+    """c'' and its NCC: the best position of the template in the window of `size` px around `at`; -2 where there is
+    none."""
     half, middle = (size // 2 * 2 + 1 - config.phi) // 2, np.floor(at).astype(int)
     scores = {}
     if template.std() >= config.min_contrast:

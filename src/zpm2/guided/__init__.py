@@ -1,1 +1,1 @@
-"""Regions of one photograph looked for in the other: warped by the points, and asked for again."""
+"""Guided re-detection: regions of one photograph are warped into the other and become prompts there."""

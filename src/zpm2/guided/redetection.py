@@ -1,13 +1,13 @@
-"""Guided re-detection: the regions of one image are looked for in the other.
+"""Guided re-detection: each polygon of one image is warped into the other and becomes a prompt there.
 
-Most matches are lost because the two images are segmented differently. The homologous points say where a polygon of one
-image should be in the other (`polygons.warp`). There the segmenter is prompted with a point and the box of the warped
-polygon. A box pulls the mask towards itself, so a mask is accepted only if it overlaps the warped polygon; where there
-are no points to confirm it, prompting the first image with the mask must also lead back to the polygon.
+Most matches are lost because the two images are segmented differently. The homologous points warp a polygon of one
+image into the other (`polygons.warp`), where a point in it and its box prompt the segmenter. A box pulls the mask
+towards itself, so a mask is accepted only if it overlaps the warped polygon. If few points confirm it, the way back is
+checked, too: the mask, warped back, must predict a mask of the first image that overlaps the polygon.
 
-Agreement between the images replaces part of the evidence that a single image has to bring: masks below the usual
-thresholds (`guided.min_predicted_iou`, `guided.min_stability`) take part, and become polygons if they are matched. The
-second image starts from the masks that were found this way; its grid of prompts fills the rest.
+Two images are more evidence than one, so masks below the usual thresholds take part (`guided.min_predicted_iou`,
+`guided.min_stability`); they become polygons only if they are matched. After these prompts, segment everything
+completes the second image.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.config import Config
+from zpm2.config import Config, VectorizeConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.guided.prior import GuidedPrior
@@ -33,12 +33,8 @@ from zpm2.segment.protocol import PromptedView
 from zpm2.segment.suppression import boxes
 
 Array = NDArray[np.float64]
-Carrier = tuple[PointMatches, Array | Failed]  # homologous points and H, as `warp_by_points` takes them
-MIN_VISIBLE = 0.5  # share of a carried polygon that must lie in the other image
-MIN_PIXELS = 4  # of the decoder that it must cover
-FEW_POINTS = 3  # inside a polygon, below which its carried shape needs the way back as evidence
-MASKS = 32  # at the image's resolution at a time
-MIN_RETURN = 0.5  # IoU of a polygon with the answer to its answer
+PointsAndH = tuple[PointMatches, Array | Failed]  # as `InitialGeometry.forward` and `backward` return them
+MASK_CHUNK = 32  # masks at the image's resolution at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +44,16 @@ class ViewRegions:
     view: PromptedView
     predictions: MaskPredictions
     polygons: list[Polygon]  # without parents; ids are rows
-    confident: NDArray[np.bool_]  # (n,) good enough without the other image
-    guided: NDArray[np.bool_]  # (n,) found by asking about a polygon of the other image
+    confident: NDArray[np.bool_]  # (n,) passed `segment`'s thresholds
+    guided: NDArray[np.bool_]  # (n,) found by prompting with a polygon of the other image
 
     def __len__(self) -> int:
         return len(self.polygons)
 
 
 @dataclass(frozen=True, eq=False)
-class ViewPair:
-    """The regions of both images."""
+class PromptedPair:
+    """The regions of both images, of a segmenter that takes prompts."""
 
     left: ViewRegions
     right: ViewRegions
@@ -68,7 +64,7 @@ class AcceptedMasks:
     """Masks that agree with the polygon they were prompted for; `predictions.prompt` is its row."""
 
     predictions: MaskPredictions
-    overlap: Array  # (n,) IoU with the carried polygon, 0..1
+    overlap: Array  # (n,) IoU with the warped polygon, 0..1
 
 
 def detect(
@@ -76,33 +72,35 @@ def detect(
     initial: InitialGeometry,
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
-) -> ViewPair:
-    """The left image by segment everything; the right one first by asking about what that found."""
-    segment, doubtful = config.segment, _loose_thresholds(config)
-    found = automatic.automatic_masks(views[0], segment, doubtful, progress=lambda share: progress(share / 2))
+) -> PromptedPair:
+    """Segments the left image completely, prompts the right one with the left polygons, and completes it likewise."""
+    segment, loose = config.segment, _loose_thresholds(config)
+    found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
     left = _regions(views[0], found, config, 0)
-    there = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
-    known = automatic.distinct(there.predictions, there.overlap, segment, views[1])
-    found = automatic.automatic_masks(views[1], segment, doubtful, known, lambda share: progress((1 + share) / 2))
-    return ViewPair(left, _regions(views[1], found, config, len(known)))
+    accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
+    known = automatic.distinct(accepted.predictions, accepted.overlap, segment, views[1])
+    found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))
+    return PromptedPair(left, _regions(views[1], found, config, len(known)))
 
 
-def redetect(pair: ViewPair, matches: Sequence[PolygonMatch], initial: InitialGeometry, config: Config) -> ViewPair:
-    """The regions with what asking the left image about the right polygons without a match adds to them.
+def redetect(
+    pair: PromptedPair, matches: Sequence[PolygonMatch], initial: InitialGeometry, config: Config
+) -> PromptedPair:
+    """The regions, and those that the right polygons without a match find in the left image as prompts.
 
-    An answer that is one of the left regions adds nothing: that one is a candidate already, as it overlaps.
+    A mask that shows one of the left regions is left out: that region is a candidate already, as it overlaps.
     """
     left, right = pair.left, pair.right
     matched = {match.right for match in matches}
     unmatched = np.array([k for k in range(len(right)) if k not in matched], np.int64)
-    asked = dataclasses.replace(
+    prompting = dataclasses.replace(
         right, predictions=right.predictions[unmatched], polygons=[right.polygons[k] for k in unmatched]
     )
-    here = accepted_masks(left.view, asked, initial.backward(), initial.forward(), config)
+    accepted = accepted_masks(left.view, prompting, initial.backward(), initial.forward(), config)
     n = len(left)
-    rank = np.append(2 + np.arange(n, 0.0, -1.0), here.overlap)
+    rank = np.append(2 + np.arange(n, 0.0, -1.0), accepted.overlap)
     merged = automatic.distinct(
-        MaskPredictions.join([left.predictions, here.predictions]), rank, config.segment, left.view
+        MaskPredictions.join([left.predictions, accepted.predictions]), rank, config.segment, left.view
     )
     new = _regions(left.view, merged[np.arange(n, len(merged))], config, len(merged))
     both = ViewRegions(
@@ -112,57 +110,56 @@ def redetect(pair: ViewPair, matches: Sequence[PolygonMatch], initial: InitialGe
         np.append(left.confident, new.confident),
         np.append(left.guided, new.guided),
     )
-    return ViewPair(both, right)
+    return PromptedPair(both, right)
 
 
-def guided_prior(pair: ViewPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
-    """What the matcher is told about the pair; `polygons` are the left ones."""
+def guided_prior(pair: PromptedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
+    """What the matcher learns of the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
-    warped = warp_by_points(polygons, *initial.forward(), config.local_match.gamma)
-    return GuidedPrior(
-        warped, (left.confident, right.confident), (left.guided, right.guided), config.guided.min_match_overlap
-    )
+    warped = warp_by_points(polygons, *initial.forward(), config.local_match)
+    return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
 
 
-def settle(
-    pair: ViewPair, matches: Sequence[PolygonMatch]
+def drop_unconfirmed(
+    pair: PromptedPair, matches: Sequence[PolygonMatch], config: VectorizeConfig
 ) -> tuple[tuple[list[Polygon], list[Polygon]], list[PolygonMatch]]:
-    """Left and right polygons without the doubtful ones that found no partner, with parents and ids from 0 on, and the
-    matches by these ids."""
+    """Left and right polygons that are confident or matched, with parents and with ids from 0 on, and the matches by
+    these ids."""
     kept, ids = [], []
     for regions, partners in ((pair.left, [m.left for m in matches]), (pair.right, [m.right for m in matches])):
-        stays = regions.confident.copy()
-        stays[partners] = True
-        rows = np.flatnonzero(stays)
-        kept.append(with_parents([dataclasses.replace(regions.polygons[row], id=k) for k, row in enumerate(rows)]))
-        ids.append(np.cumsum(stays) - 1)
+        confirmed = regions.confident.copy()
+        confirmed[partners] = True
+        polygons = [dataclasses.replace(regions.polygons[row], id=k) for k, row in enumerate(np.flatnonzero(confirmed))]
+        kept.append(with_parents(polygons, config))
+        ids.append(np.cumsum(confirmed) - 1)
     renamed = [dataclasses.replace(m, left=int(ids[0][m.left]), right=int(ids[1][m.right])) for m in matches]
     return (kept[0], kept[1]), renamed
 
 
 def accepted_masks(
-    view: PromptedView, asked: ViewRegions, there: Carrier, back: Carrier, config: Config
+    view: PromptedView, regions: ViewRegions, there: PointsAndH, back: PointsAndH, config: Config
 ) -> AcceptedMasks:
-    """The best answer of `view` for each region of the other image, if one is good enough.
+    """For each of the other image's `regions`, the mask in `view` that overlaps it most, if it is good enough.
 
-    `there` leads from the regions' image to the view's, `back` the other way. What lies outside of the image for the
-    most part, or is smaller than a few pixels of the decoder, is not asked about.
+    `there` maps from the regions' image to the view's, `back` the other way. Regions that lie mostly outside the view,
+    or cover only a few pixels of a decoded mask, are no prompts (`config.guided`).
     """
-    warped = warp_by_points(PolygonArrays(asked.polygons), *there, config.local_match.gamma)
+    warped = warp_by_points(PolygonArrays(regions.polygons), *there, config.local_match)
     cover = view.cover(warped.shapes)
-    predictions = _ask(view, cover, warped.shapes, config)
+    predictions = _predict_in(view, cover, warped.shapes, config)
     best, overlap = _best(predictions, cover)
     good = overlap >= config.guided.min_overlap
     best, overlap = best[good], overlap[good]
-    few = warped.own[predictions.prompt[best]] < FEW_POINTS
+    few = warped.own[predictions.prompt[best]] < config.guided.min_points
     good = ~few
-    good[few] = _returns(view, predictions[best[few]], asked, back, config) >= MIN_RETURN
+    returned = _return_overlap(view, predictions[best[few]], regions, back, config)
+    good[few] = returned >= config.guided.min_return_overlap
     return AcceptedMasks(predictions[best[good]], overlap[good])
 
 
 def prompts(cover: NDArray[np.bool_], mask_scale: float) -> Prompts:
-    """For each (h, w) shape, none empty, the pixel deepest inside it (of equally deep ones the first, row by row) and
-    its box."""
+    """For each shape of `cover` (n, h, w), none empty, its box and the pixel farthest from its outline, of several the
+    first one, row by row."""
     points = np.zeros((len(cover), 3, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
@@ -173,16 +170,19 @@ def prompts(cover: NDArray[np.bool_], mask_scale: float) -> Prompts:
     return Prompts(points / mask_scale, np.array([INSIDE, CORNER, OTHER_CORNER]))
 
 
-def _ask(view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config) -> MaskPredictions:
-    """What `view` answers to (n,) carried shapes of which it shows `cover` (n, h, w); `prompt` are their rows."""
+def _predict_in(
+    view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
+) -> MaskPredictions:
+    """The masks in `view` for (n,) warped shapes that cover its pixels `cover` (n, h, w); `prompt` are their rows."""
     pixels = cover.sum((1, 2))
-    rows = np.flatnonzero((pixels / view.mask_scale**2 >= MIN_VISIBLE * shapely.area(shapes)) & (pixels >= MIN_PIXELS))
+    visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
+    rows = np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
     predictions = view.predict(prompts(cover[rows], view.mask_scale), _loose_thresholds(config))
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
 def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
-    """Of each prompt the answer that overlaps `target[prompt]` most, as its row, and the IoU."""
+    """Of each prompt the row of the mask that overlaps `target[prompt]` most, and their IoU."""
     bits, wanted = predictions.bits, target[predictions.prompt]
     overlap = (bits & wanted).sum((1, 2)) / np.maximum((bits | wanted).sum((1, 2)), 1)
     order = np.lexsort((-overlap, predictions.prompt))
@@ -190,21 +190,22 @@ def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDAr
     return order[first], overlap[order[first]]
 
 
-def _returns(
-    view: PromptedView, predictions: MaskPredictions, asked: ViewRegions, back: Carrier, config: Config
+def _return_overlap(
+    view: PromptedView, predictions: MaskPredictions, regions: ViewRegions, back: PointsAndH, config: Config
 ) -> Array:
-    """(n,) the round trip: IoU of the region asked about with what its own image answers about the carried answer."""
+    """(n,) the round trip: IoU of each region with the best mask that its own image predicts for the prediction,
+    warped back."""
     result = np.zeros(len(predictions))
     polygons, rows = _traced(view, predictions, config, 1.0)
-    shapes = warp_by_points(PolygonArrays(polygons), *back, config.local_match.gamma).shapes
-    home = _ask(asked.view, asked.view.cover(shapes), shapes, config)
-    best, overlap = _best(home, asked.predictions[predictions.prompt[rows]].bits)
-    result[rows[home.prompt[best]]] = overlap
+    shapes = warp_by_points(PolygonArrays(polygons), *back, config.local_match).shapes
+    returned = _predict_in(regions.view, regions.view.cover(shapes), shapes, config)
+    best, overlap = _best(returned, regions.predictions[predictions.prompt[rows]].bits)
+    result[rows[returned.prompt[best]]] = overlap
     return result
 
 
 def _regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:
-    """`predictions` as regions; the first `guided` were asked for."""
+    """`predictions` as regions; the first `guided` of them were found by prompting with the other image's."""
     segment = config.segment
     polygons, rows = _traced(view, predictions, config, segment.min_area)
     confident = predictions[rows].passing(MaskThresholds(segment.min_predicted_iou, segment.min_stability))
@@ -214,11 +215,11 @@ def _regions(view: PromptedView, predictions: MaskPredictions, config: Config, g
 def _traced(
     view: PromptedView, predictions: MaskPredictions, config: Config, min_area: float
 ) -> tuple[list[Polygon], NDArray[np.int64]]:
-    """The outlines of `predictions`, and the row of each. A few masks at a time: one may be as large as the image."""
+    """The outlines of `predictions`, and the row of each. In chunks, as a mask may be as large as the image."""
     polygons: list[Polygon] = []
     rows, size = [np.zeros(0, np.int64)], (view.image.width, view.image.height)
-    for start in range(0, len(predictions), MASKS):
-        part = np.arange(start, min(start + MASKS, len(predictions)))
+    for start in range(0, len(predictions), MASK_CHUNK):
+        part = np.arange(start, min(start + MASK_CHUNK, len(predictions)))
         found, of = outlines(view.masks(predictions[part]), config.vectorize, min_area, size)
         polygons += [dataclasses.replace(polygon, id=len(polygons) + polygon.id) for polygon in found]
         rows.append(part[of])
@@ -226,7 +227,7 @@ def _traced(
 
 
 def _loose_thresholds(config: Config) -> MaskThresholds:
-    """The thresholds of regions that the other image must confirm: nowhere above those of segment everything."""
+    """The thresholds of masks that the other image must confirm: never above those of segment everything."""
     segment, guided = config.segment, config.guided
     return MaskThresholds(
         min(guided.min_predicted_iou, segment.min_predicted_iou), min(guided.min_stability, segment.min_stability)

@@ -1,10 +1,10 @@
-"""What every method of matching polygons begins with: the device, the segmenter, and the polygons of both images."""
+"""The polygons of both images, for every method that matches them: segmented alone, or guided by each other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from zpm2.config import Config
+from zpm2.config import Config, VectorizeConfig
 from zpm2.files.places import absolute
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import redetection
@@ -12,37 +12,38 @@ from zpm2.guided.prior import GuidedPrior
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import about
 from zpm2.polygons.vectorize import vectorize
-from zpm2.runtime import OneThreadAtATime, Progress, resolve_device
-from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter
+from zpm2.runtime import ForkAwareLock, Progress, resolve_device
+from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
 
 
 @dataclass(frozen=True, eq=False)
 class PairRegions:
-    """The regions of a pair, as the matcher takes them."""
+    """The regions of a pair: what the matcher needs."""
 
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]
     messages: list[str]  # warnings, and notes (`messages`)
-    pair: redetection.ViewPair | None = None  # where the segmenter can be asked again
+    prompted: redetection.PromptedPair | None = None  # where the segmenter takes prompts
     guided_prior: GuidedPrior | None = None
 
     def sides(
-        self, matches: Sequence[PolygonMatch]
+        self, matches: Sequence[PolygonMatch], config: VectorizeConfig
     ) -> tuple[tuple[ImagePolygons, ImagePolygons], Sequence[PolygonMatch]]:
-        """Both sides of a result, and the matches by the ids that their polygons have there."""
+        """Both sides of a result, and the matches by the ids of their polygons there."""
         polygons: Sequence[Sequence[Polygon]] = [arrays.polygons for arrays in self.polygons]
-        if self.pair is not None:
-            polygons, matches = redetection.settle(self.pair, matches)
+        if self.prompted is not None:
+            polygons, matches = redetection.drop_unconfirmed(self.prompted, matches, config)
         left, right = (
             ImagePolygons(i.width, i.height, p, absolute(i.path), i) for i, p in zip(self.images, polygons, strict=True)
         )
         return (left, right), matches
 
 
-class RegionStages:
-    """The stages that every method of matching polygons shares: load the segmenter, find the polygons of both images.
+class RegionFinder:
+    """Loads the segmenter and finds the polygons of both images.
 
-    Arguments are those of `PairMatcher`.
+    The arguments are those of `PairMatcher`. `given` is True for a segmenter other than the configured SAM. Threads
+    that use one finder take turns by its `lock`.
     """
 
     def __init__(
@@ -56,10 +57,10 @@ class RegionStages:
         self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
         self.given = segmenter is not None
         self._sides_done = 0
-        self.turns = OneThreadAtATime()  # of the threads that use one matcher
+        self.lock = ForkAwareLock()
 
     def load(self) -> tuple[Segmenter, Segmenter]:
-        """The segmenters of the left and the right image; SAM is loaded the first time, where no other was given."""
+        """The segmenters of the left and the right image. SAM is loaded at the first call, if no other was given."""
         if self._segmenters is None:
             from zpm2.segment.sam import SamSegmenter
 
@@ -70,17 +71,17 @@ class RegionStages:
         return self._segmenters
 
     def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "PairRegions":
-        """The polygons of both images: each image segmented alone, or, where `initial` is given, the configuration asks
-        for it, and the segmenter can be asked, the right one guided by the left one."""
+        """The polygons of both images. The right image is guided by the left one if there is `initial` geometry, the
+        configuration says so and the segmenter takes prompts; else each image is segmented alone."""
         segmenters, why_not = self.load(), None
         if initial is not None and self.config.guided.direction != "off":
             prompted = [segmenter for segmenter in segmenters if isinstance(segmenter, PromptedSegmenter)]
             if any(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
-                pass  # polygons that are given are to be matched as they are
+                pass  # given polygons are matched as they are
             elif len(prompted) < 2:
                 why_not = "the segmenter takes no prompts: no guided re-detection"
             elif not initial.supported:
-                why_not = "no geometry that could guide: each image was segmented alone"
+                why_not = "no geometry for guided re-detection: each image was segmented alone"
             else:
                 left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
                 pair = redetection.detect((left, right), initial, self.config, self._share)
@@ -92,28 +93,28 @@ class RegionStages:
         return PairRegions(images, (PolygonArrays(left), PolygonArrays(right)), messages)
 
     def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
-        """The polygons of one image by the segmenter of that side, whatever the other image shows."""
+        """The polygons of one image, segmented alone by the segmenter of that side."""
         return self._polygons(self.load()[side == "right"], image)[0]
 
     def redetect(
         self, found: "PairRegions", matches: Sequence[PolygonMatch], initial: InitialGeometry
     ) -> "PairRegions":
-        """`found` and what asking the left image about the unmatched right polygons adds."""
-        assert found.pair is not None
-        return self._guided(found.images, redetection.redetect(found.pair, matches, initial, self.config), initial)
+        """`found`, and the left regions that the unmatched right polygons find as prompts."""
+        assert found.prompted is not None
+        return self._guided(found.images, redetection.redetect(found.prompted, matches, initial, self.config), initial)
 
     def _guided(
-        self, images: tuple[Image, Image], pair: redetection.ViewPair, initial: InitialGeometry
+        self, images: tuple[Image, Image], pair: redetection.PromptedPair, initial: InitialGeometry
     ) -> "PairRegions":
         polygons = pair.left.polygons, pair.right.polygons
         left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])
-        left_notes, right_notes = (_notes(segmenter) for segmenter in self.load())
+        left_notes, right_notes = (notes_of(segmenter) for segmenter in self.load())
         messages = _messages(images, (left_notes, right_notes), polygons)
         guided_prior = redetection.guided_prior(pair, left, initial, self.config)
         return PairRegions(images, (left, right), messages, pair, guided_prior)
 
     def download(self, done: int, total: int) -> None:
-        """Tells `progress` how many bytes of weights have come."""
+        """Reports to `progress` how many bytes of the weights have been downloaded."""
         self.progress("load", done / max(total, 1))
 
     def _share(self, share: float) -> None:
@@ -123,7 +124,7 @@ class RegionStages:
         self._share((self._sides_done + share) / 2)
 
     def _polygons(self, segmenter: Segmenter, image: Image) -> tuple[list[Polygon], list[str]]:
-        """The polygons of one side, and what the segmenter has to say about them."""
+        """The polygons of one side, and the segmenter's notes."""
         if isinstance(segmenter, PolygonSource):
             found = segmenter.polygons(image)
         else:
@@ -131,17 +132,12 @@ class RegionStages:
             masks = [mask.within(image.valid) for mask in segmenter.segment(image)]
             found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
-        return found, _notes(segmenter)
+        return found, notes_of(segmenter)
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:
-    """The warning that nothing was matched, where that is so."""
+    """A warning if there are no matches."""
     return [] if matches else ["no polygons were matched"]
-
-
-def _notes(segmenter: Segmenter) -> list[str]:
-    """What a segmenter has to say about its last image."""
-    return list(getattr(segmenter, "notes", []))
 
 
 def _messages(
@@ -149,7 +145,7 @@ def _messages(
 ) -> list[str]:
     sides = ("left", "right")
     found = [text for side, image in zip(sides, images, strict=True) for text in about(f"{side} image", image.notes)]
-    both = [note for note in notes[0] if note in notes[1]]  # said once, where it holds for both
+    both = [note for note in notes[0] if note in notes[1]]  # listed once
     found += both
     for side, own in zip(sides, notes, strict=True):
         found += about(f"{side} regions", [note for note in own if note not in both])

@@ -6,34 +6,34 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, min_weight_full_bipartite_matching
 
+from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates
 
 Array = NDArray[np.float64]
-DENSE = 64  # polygons of a side up to which a component is solved as a dense matrix
+DENSE_SIZE = 64  # polygons of a side up to which a component is solved as a dense matrix, which is faster then
 
 
-def matching_cost(
-    psi: Array, dsf: NDArray[np.int64], texture: Array, gamma: int, epsilon: float, few_points: bool = False
-) -> Array:
-    """zeta of Eq. (cost), (c,), > 0: shape and DSF where there are enough points, else shape and texture.
+def matching_cost(psi: Array, dsf: NDArray[np.int64], texture: Array, config: LocalConfig) -> Array:
+    """(c,) zeta of Eq. (cost), > 0: from shape `psi` and DSF where there are `config.gamma` points, else from shape and
+    texture.
 
-    A negative correlation counts as none: the printed formula would turn it into a negative, most attractive cost.
-    With `few_points`, points below gamma count for their share of it where texture says less: small polygons have few
-    points, and little texture once their outlines differ by a pixel.
+    A negative correlation counts as none: the printed formula would turn it into a negative cost, which is the best.
+    With `config.few_points`, DSF / gamma takes the place of texture where it is larger: small polygons have few points,
+    and little texture once their outlines differ by a pixel.
     """
-    shared_points = np.maximum(texture, 0.0)
-    if few_points:
-        shared_points = np.maximum(shared_points, dsf / max(gamma, 1))
-    similar = psi * np.where(dsf >= gamma, np.log(dsf + np.e), shared_points)
-    return np.asarray(1.0 / (similar + epsilon))
+    spectral = np.maximum(texture, 0.0)
+    if config.few_points:
+        spectral = np.maximum(spectral, dsf / max(config.gamma, 1))
+    similarity = psi * np.where(dsf >= config.gamma, np.log(dsf + np.e), spectral)
+    return np.asarray(1.0 / (similarity + config.epsilon))
 
 
 def assign_optimal(pairs: Candidates, cost: Array, unmatched: float) -> NDArray[np.int64]:
-    """LHBGO: which pairs are matched, as sorted rows of `pairs`; each polygon at most once.
+    """LHBGO: the sorted rows of `pairs` that are matched, each polygon at most once.
 
-    Components of the candidate graph do not influence each other, so each is one linear assignment of its own. A left
-    polygon may stay unmatched at the price `unmatched`, the printed threshold iota; without a price the empty
-    assignment would be the minimum. Pairs that cost as much or more are never taken.
+    Components of the candidate graph are independent, so each is one linear assignment. A left polygon may stay
+    unmatched at the cost `unmatched`, the printed threshold iota; without that cost the empty assignment would be the
+    minimum. Pairs that cost as much or more are never matched.
     """
     usable = np.flatnonzero(cost < unmatched)
     if len(usable) == 0:
@@ -53,7 +53,7 @@ def assign_optimal(pairs: Candidates, cost: Array, unmatched: float) -> NDArray[
 
 
 def assign_greedy(pairs: Candidates, psi: Array, cost: Array, unmatched: float) -> NDArray[np.int64]:
-    """The ablation of 4.4.2: each left polygon in turn takes the free right polygon of highest psi."""
+    """The ablation of 4.4.2: one left polygon after the other is matched with the free right polygon of highest psi."""
     usable = np.flatnonzero(cost < unmatched)
     usable = usable[np.lexsort((-psi[usable], pairs.left[usable]))]
     chosen, done, taken = [], set(), set()
@@ -67,11 +67,11 @@ def assign_greedy(pairs: Candidates, psi: Array, cost: Array, unmatched: float) 
 
 
 def _solve(i: NDArray[np.int64], j: NDArray[np.int64], cost: Array, unmatched: float) -> NDArray[np.int64]:
-    """Rows of one component that are matched. Every left polygon has an "unmatched" column of its own."""
+    """The matched rows of one component. Each left polygon has a column of its own for staying unmatched."""
     _, i = np.unique(i, return_inverse=True)
     _, j = np.unique(j, return_inverse=True)
     m, n = int(i.max()) + 1, int(j.max()) + 1
-    if max(m, n) <= DENSE:
+    if max(m, n) <= DENSE_SIZE:
         matrix = np.full((m, n + m), np.inf)
         matrix[i, j] = cost
         matrix[np.arange(m), n + np.arange(m)] = unmatched

@@ -1,13 +1,13 @@
-"""Mutually exclusive matched regions (the paper's claim of 3.4), exact to the pixel.
+"""Mutually exclusive matched regions (claimed by the paper in 3.4), exact to the pixel.
 
-Regions of segment everything lie in and across each other. Here every pixel of both images goes to one match at most.
-One order of all matches holds in both images, so that where two overlap the same one wins on both sides: the surest
-match first, but parts (polygons of which most lies in a larger one) before their wholes.
+Regions of segment everything contain and overlap each other. Here each pixel of both images goes to one match at most.
+All matches have one order for both images, so that where two overlap the same one gets the pixels on both sides: the
+most confident match first, but parts (polygons that lie mostly in a larger one) before their wholes.
 
-Matches take pixels in that order. Each is offered what those before it left of its two polygons, and either keeps one
-4-connected piece on each side (holes are fine) or goes entirely, and takes nothing. So what a match that goes, or a
-piece that is cut off, would have had is still there for the next ones. A later match never takes from an earlier one:
-one pass settles it, and nothing changes if it is done again.
+The matches take their pixels in that order. From what the earlier ones left of its two polygons, a match either keeps
+one 4-connected piece on each side, which may have holes, or it is dropped and takes nothing. Pixels of dropped matches
+and of other pieces remain for later matches. No match takes pixels from an earlier one, so one pass is enough, and a
+second one changes nothing.
 """
 
 import dataclasses
@@ -19,6 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.config import Config, ExclusiveConfig
 from zpm2.model import ImagePolygons, Mask, Polygon, PolygonMatch
 from zpm2.polygons.rasterize import rasterize
 from zpm2.polygons.shapes import reshaped
@@ -27,10 +28,6 @@ from zpm2.polygons.trace import pieces, trace
 Array = NDArray[np.float64]
 Bits = NDArray[np.bool_]
 Size = tuple[int, int]  # width, height of an image, px
-MOSTLY = 0.5  # share of a polygon's pixels in a larger one, beyond which it is a part of that one
-MIN_OVERLAP = 0.5  # IoU of the two pieces of a match, one carried to the other, with which they correspond for sure
-MIN_KEPT = 0.8  # share of its polygons' own IoU with which the pieces of a match that had less at first correspond
-PIECES = 200  # of one polygon that are looked at, the largest ones
 
 
 def without_overlaps(
@@ -39,7 +36,7 @@ def without_overlaps(
     matches: Sequence[PolygonMatch],
     pairs: Sequence[tuple[Polygon, Polygon]],
     maps: Array,
-    min_area: float,
+    config: Config,
 ) -> tuple[ImagePolygons, ImagePolygons, list[PolygonMatch]]:
     """Both images of a pair and its matches, without pixels that two matches share.
 
@@ -49,7 +46,7 @@ def without_overlaps(
     """
     confidence = np.array([match.confidence for match in matches], np.float64)
     sizes = (left.width, left.height), (right.width, right.height)
-    kept = exclusive(pairs, confidence, maps, sizes, min_area)
+    kept = exclusive(pairs, confidence, maps, sizes, config.segment.min_area, config.local_match.exclusive)
     lost = [match for match, pair in zip(matches, kept, strict=True) if pair is None]
     found = [pair for pair in kept if pair is not None]
     return (
@@ -79,23 +76,24 @@ def exclusive(
     maps: Array,
     sizes: tuple[Size, Size],
     min_area: float,
+    config: ExclusiveConfig,
 ) -> list[tuple[Polygon, Polygon] | None]:
-    """What each of n matched (left, right) polygons keeps, or None for those that go.
+    """What each of n matched (left, right) polygons keeps; None for the matches that are dropped.
 
-    `confidence` (n,) ranks the matches, `maps` (n, 3, 3) carry them: right ~ map @ left, image px; `sizes` are those of
-    the images. A match goes if something was taken from it and a piece that is left has less than `min_area` pixels, or
-    if the two pieces do not correspond any more, as different parts were taken in the two images: the carried one must
-    overlap the other by `MIN_OVERLAP`, or by `MIN_KEPT` of what the whole polygons did. A match from which nothing was
-    taken stays.
+    `confidence` (n,) ranks the matches. `maps` (n, 3, 3) lead from left to right: right ~ map @ left, image px. `sizes`
+    are those of the images. A match from which nothing was taken stays. Any other is dropped if a piece that is left
+    has less than `min_area` pixels, or if the two pieces do not correspond any more, as different parts were taken in
+    the two images: the IoU of the right piece and the warped left one must reach `config.min_overlap`, or the share
+    `config.min_kept` of the IoU of the whole polygons.
 
-    A polygon's pixels are those with their centre inside. What is kept is traced along pixel edges, so areas are pixel
-    counts, with all else that is known of the polygon. The order of the pairs does not matter, as long as
-    their left ids are distinct.
+    A polygon's pixels are those with their centre inside. The pieces are traced along pixel edges, so areas are pixel
+    counts; id, score, parent and label stay. The order of the pairs does not matter if their left ids are distinct.
     """
-    sides = _Side([left for left, _ in pairs], sizes[0]), _Side([right for _, right in pairs], sizes[1])
+    sides = _ImageMasks([left for left, _ in pairs], sizes[0]), _ImageMasks([right for _, right in pairs], sizes[1])
+    parts = [side.parts(config.min_part) for side in sides]
     result: list[tuple[Polygon, Polygon] | None] = [None] * len(pairs)
-    for k in order([left.id for left, _ in pairs], confidence, [side.within() for side in sides], _sizes(sides)):
-        kept = _keep(sides, k, maps[k], min_area)
+    for k in order([left.id for left, _ in pairs], confidence, parts, _sizes(sides)):
+        kept = _kept_pieces(sides, k, maps[k], min_area, config)
         if kept is not None:
             for side, mask in zip(sides, kept, strict=True):
                 side.take(mask)
@@ -103,26 +101,28 @@ def exclusive(
     return result
 
 
-def order(ids: Sequence[int], confidence: Array, within: Sequence[NDArray[np.int64]], size: Array) -> list[int]:
-    """The rows of n matches, first come first served: the surest first, but parts before the wholes that they lie in.
+def order(ids: Sequence[int], confidence: Array, parts: Sequence[NDArray[np.int64]], size: Array) -> list[int]:
+    """The rows of n matches in the order in which they take pixels: the most confident first, but parts before wholes.
 
-    A part counts as sure as the surest of its wholes, else a whole would wait for a part behind what is less sure than
-    the whole. Ties: by `confidence` (n,) itself, then the least of `ids`. `within` are (c, 2) pairs of rows
-    (part, whole), of either image; where the images do not agree, those count in which the part has the lesser `size`
-    (n,), so that there is always an order.
+    A part ranks by the confidence of its most confident whole, so that a whole need not wait for a part behind matches
+    that are less confident than the whole. Ties: by the part's own `confidence` (n,), then by the least of `ids`.
+    `parts` are (c, 2) pairs of rows (part, whole), of each image; only those count in which the part has the lesser
+    `size` (n,), so that there is an order even where the images contradict each other.
     """
     n = len(ids)
-    pairs = np.unique(np.concatenate([np.zeros((0, 2), np.int64), *within]), axis=0)
+    pairs = np.unique(np.concatenate([np.zeros((0, 2), np.int64), *parts]), axis=0)
     pairs = pairs[size[pairs[:, 0]] < size[pairs[:, 1]]]
-    pairs = pairs[np.argsort(-size[pairs[:, 1]], kind="stable")]  # what a whole inherits is settled before it passes on
-    sure = confidence.tolist()
+    pairs = pairs[
+        np.argsort(-size[pairs[:, 1]], kind="stable")
+    ]  # a whole has inherited its rank before it passes it on
+    rank = confidence.tolist()
     waiting = [0] * n
     wholes: list[list[int]] = [[] for _ in range(n)]
     for part, whole in pairs.tolist():
-        sure[part] = max(sure[part], sure[whole])
+        rank[part] = max(rank[part], rank[whole])
         waiting[whole] += 1
         wholes[part].append(whole)
-    ready = [(-sure[k], -confidence[k], ids[k], k) for k in range(n) if not waiting[k]]
+    ready = [(-rank[k], -confidence[k], ids[k], k) for k in range(n) if not waiting[k]]
     heapify(ready)
     result = []
     while ready:
@@ -131,12 +131,12 @@ def order(ids: Sequence[int], confidence: Array, within: Sequence[NDArray[np.int
         for whole in wholes[k]:
             waiting[whole] -= 1
             if not waiting[whole]:
-                heappush(ready, (-sure[whole], -confidence[whole], ids[whole], whole))
+                heappush(ready, (-rank[whole], -confidence[whole], ids[whole], whole))
     return result
 
 
-class _Side:
-    """One image: the pixels of its polygons, packed eight to a byte, and which pixels are taken."""
+class _ImageMasks:
+    """The pixels of one image's polygons, packed eight to a byte, and which pixels are taken."""
 
     def __init__(self, polygons: Sequence[Polygon], size: Size) -> None:
         self.size = size
@@ -160,54 +160,61 @@ class _Side:
         return Mask(x0, y0, bits.reshape(y1 - y0, x1 - x0))
 
     def free(self, k: int) -> Mask:
-        """Those that nobody has taken."""
+        """Those of its pixels that no match has taken."""
         mask = self.mask(k)
         return dataclasses.replace(mask, bits=mask.bits & ~self._window(mask))
 
     def take(self, mask: Mask) -> None:
+        """Marks the pixels of `mask` as taken."""
         window = self._window(mask)
         window |= mask.bits
 
-    def within(self) -> NDArray[np.int64]:
-        """(c, 2) pairs (part, whole): the part has fewer pixels, and most of them in the whole."""
+    def parts(self, min_part: float) -> NDArray[np.int64]:
+        """(c, 2) pairs (part, whole): the part has fewer pixels, more than the share `min_part` of them in the
+        whole."""
         boxes, areas = self.boxes, self.areas
         tree = shapely.STRtree(shapely.box(*boxes.T.astype(float)))
         part, whole = tree.query(tree.geometries)
         common = np.minimum(boxes[part, 2:], boxes[whole, 2:]) - np.maximum(boxes[part, :2], boxes[whole, :2])
-        possible = (areas[part] < areas[whole]) & (common.prod(1) > MOSTLY * areas[part])
+        possible = (areas[part] < areas[whole]) & (common.prod(1) > min_part * areas[part])
         part, whole = part[possible], whole[possible]
-        held = np.zeros(len(part), bool)
+        inside = np.zeros(len(part), bool)
         by_whole = np.argsort(whole, kind="stable")
         for rows in np.split(by_whole, np.flatnonzero(np.diff(whole[by_whole])) + 1):
             if len(rows):
-                around = self.mask(int(whole[rows[0]]))
-                held[rows] = [self._shared(around, int(k)) > MOSTLY * areas[k] for k in part[rows]]
-        return np.c_[part, whole][held].astype(np.int64)
+                larger = self.mask(int(whole[rows[0]]))
+                inside[rows] = [self._pixels_in(larger, int(k)) > min_part * areas[k] for k in part[rows]]
+        return np.c_[part, whole][inside].astype(np.int64)
 
-    def _shared(self, around: Mask, k: int) -> int:
-        """How many pixels of polygon k lie in `around`."""
+    def _pixels_in(self, larger: Mask, k: int) -> int:
+        """How many pixels of polygon k lie in `larger`."""
         mask = self.mask(k)
-        (x0, y0), (h, w) = (mask.x0 - around.x0, mask.y0 - around.y0), mask.bits.shape
-        held = around.bits[max(y0, 0) : y0 + h, max(x0, 0) : x0 + w]
-        part = mask.bits[max(-y0, 0) :, max(-x0, 0) :][: held.shape[0], : held.shape[1]]
-        return int(np.count_nonzero(held & part))
+        (x0, y0), (h, w) = (mask.x0 - larger.x0, mask.y0 - larger.y0), mask.bits.shape
+        window = larger.bits[max(y0, 0) : y0 + h, max(x0, 0) : x0 + w]
+        part = mask.bits[max(-y0, 0) :, max(-x0, 0) :][: window.shape[0], : window.shape[1]]
+        return int(np.count_nonzero(window & part))
 
     def _window(self, mask: Mask) -> Bits:
         y, x = mask.y0 - self.corner[1], mask.x0 - self.corner[0]
         return self.taken[y : y + mask.bits.shape[0], x : x + mask.bits.shape[1]]
 
 
-def _sizes(sides: tuple[_Side, _Side]) -> Array:
-    """(n,) of a match, over both images: the geometric mean of its areas in px, squared."""
+def _sizes(sides: tuple[_ImageMasks, _ImageMasks]) -> Array:
+    """(n,) the size of each match: the product of its areas in both images."""
     return sides[0].areas.astype(np.float64) * sides[1].areas
 
 
-def _keep(sides: tuple[_Side, _Side], k: int, matrix: Array, min_area: float) -> tuple[Mask, Mask] | None:
-    """The pieces that match k keeps, one on each side: of the free ones that are large enough, those two that share
-    the most pixels when carried; None where none are left or those do not correspond."""
+def _kept_pieces(
+    sides: tuple[_ImageMasks, _ImageMasks], k: int, matrix: Array, min_area: float, config: ExclusiveConfig
+) -> tuple[Mask, Mask] | None:
+    """The pieces that match k keeps, one on each side: of the free pieces that are large enough, the two that share the
+    most pixels when warped; None where there are none or those two do not correspond."""
     areas = [int(side.areas[k]) for side in sides]
     free = [side.free(k) for side in sides]
-    parts = [pieces(mask, min_area if mask.area < area else 1)[:PIECES] for mask, area in zip(free, areas, strict=True)]
+    parts = [
+        pieces(mask, min_area if mask.area < area else 1)[: config.max_pieces]
+        for mask, area in zip(free, areas, strict=True)
+    ]
     if not parts[0] or not parts[1]:
         return None
     shared = _shared_pixels(parts[0], parts[1], matrix)
@@ -216,29 +223,31 @@ def _keep(sides: tuple[_Side, _Side], k: int, matrix: Array, min_area: float) ->
     if [left.area, right.area] == areas:
         return left, right
     before = _overlap(sides, sides[0].mask(k), sides[1].mask(k), matrix)
-    return (left, right) if _overlap(sides, left, right, matrix) >= min(MIN_OVERLAP, MIN_KEPT * before) else None
+    least = min(config.min_overlap, config.min_kept * before)
+    return (left, right) if _overlap(sides, left, right, matrix) >= least else None
 
 
-def _overlap(sides: tuple[_Side, _Side], left: Mask, right: Mask, matrix: Array) -> float:
-    """IoU of two masks where both images see them, from the share of each that the other one, carried, covers. 0..1."""
+def _overlap(sides: tuple[_ImageMasks, _ImageMasks], left: Mask, right: Mask, matrix: Array) -> float:
+    """IoU, 0..1, of two masks where both images show them, from the share of each that the other one, warped,
+    covers."""
     back = np.asarray(np.linalg.inv(matrix), np.float64)
     shared = _shared_pixels([right], [left], back)[0, 0], _shared_pixels([left], [right], matrix)[0, 0]
-    seen = _seen(left, back, sides[1].size), _seen(right, matrix, sides[0].size)
-    return float(1 / (seen[0] / shared[0] + seen[1] / shared[1] - 1)) if min(shared) > 0 else 0.0
+    visible = _visible_pixels(left, back, sides[1].size), _visible_pixels(right, matrix, sides[0].size)
+    return float(1 / (visible[0] / shared[0] + visible[1] / shared[1] - 1)) if min(shared) > 0 else 0.0
 
 
-def _seen(mask: Mask, matrix: Array, size: Size) -> int:
-    """How many pixels of a mask show what the other image, of `size`, shows too; `matrix` leads from that one here."""
+def _visible_pixels(mask: Mask, matrix: Array, size: Size) -> int:
+    """How many pixels of a mask the other image, of `size`, shows, too; `matrix` leads from that image to this one."""
     width, height = size
     whole = np.array([[width, 0, width / 2], [0, height, height / 2], [0, 0, 1]])  # the other image as a single pixel
-    seen = _warped(np.ones((1, 1), np.uint8), matrix @ whole, mask.x0, mask.y0, mask.bits.shape)
-    return int(np.count_nonzero(np.logical_and(mask.bits, seen)))
+    visible = _warped(np.ones((1, 1), np.uint8), matrix @ whole, mask.x0, mask.y0, mask.bits.shape)
+    return int(np.count_nonzero(np.logical_and(mask.bits, visible)))
 
 
 def _shared_pixels(source: Sequence[Mask], target: Sequence[Mask], matrix: Array) -> NDArray[np.int64]:
-    """(s, t) pixels that each of s disjoint masks, carried by `matrix` (target ~ matrix @ source, image px), shares
-    with each of t disjoint masks of the other image."""
-    (x, y, labels), (u, v, others) = _painted(source), _painted(target)
+    """(s, t) pixels that each of s disjoint masks, warped by `matrix` (target ~ matrix @ source, image px), shares
+    with each of t disjoint masks of the other image. At most 254 each: their labels are bytes."""
+    (x, y, labels), (u, v, others) = _label_image(source), _label_image(target)
     warped = _warped(labels, matrix @ [[1, 0, x + 0.5], [0, 1, y + 0.5], [0, 0, 1]], u, v, others.shape)
     both = np.logical_and(warped, others)
     if len(source) == len(target) == 1:
@@ -253,7 +262,7 @@ def _warped(labels: NDArray[np.uint8], matrix: Array, x0: int, y0: int, shape: t
     return np.asarray(cv2.warpPerspective(labels, to_crop @ matrix, shape[::-1], flags=cv2.INTER_NEAREST), np.uint8)
 
 
-def _painted(masks: Sequence[Mask]) -> tuple[int, int, NDArray[np.uint8]]:
+def _label_image(masks: Sequence[Mask]) -> tuple[int, int, NDArray[np.uint8]]:
     """x0, y0 of the crop that holds all masks, and the crop: 1, 2, ... in the first, second, ... mask, 0 elsewhere."""
     ends = [(m.x0 + m.bits.shape[1], m.y0 + m.bits.shape[0]) for m in masks]
     x0, y0 = min(m.x0 for m in masks), min(m.y0 for m in masks)

@@ -1,4 +1,4 @@
-"""A map of each matched pair's own: where a point of its left polygon should be in the right image."""
+"""The map of each matched pair: where a point of its left polygon should be in the right image."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import LocalConfig
 from zpm2.errors import Failed, InputError
 from zpm2.global_match import Candidates
 from zpm2.local_match.shared_points import lookup, shared_points
 from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons import local_homography
-from zpm2.polygons.overlap import overlaps
-from zpm2.polygons.transform import transformed
+from zpm2.polygons.overlap import iou
+from zpm2.polygons.transform import transform_polygons
 
 Array = NDArray[np.float64]
 
@@ -29,29 +30,29 @@ def matched_pairs(
 
 
 def pair_maps(
-    left: PolygonArrays, right: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int
+    left: PolygonArrays, right: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
 ) -> Array:
     """(n, 3, 3) maps, right ~ map @ left in image px, of n matched pairs: row k of `left` and row k of `right`.
 
-    With `gamma` homologous points inside both polygons, a homography fitted to them (paper 3.4.1). Otherwise the better
-    one of two hypotheses, under which the polygons overlap more: the local affine part of `homography`, moved to what
-    points there are, or the same enlarged and moved so that areas and centroids agree. That one mistakes a polygon that
-    is partly hidden for a smaller one, but needs neither points nor `homography`.
+    With `config.gamma` homologous points inside both polygons, a homography fitted to them (paper 3.4.1). Otherwise one
+    of two hypotheses, the one under which the polygons overlap more: the local affine part of `homography`, moved to
+    the few points there are, or the same enlarged and moved so that areas and centroids agree. The latter needs neither
+    points nor `homography`, but mistakes a partly hidden polygon for a smaller one.
     """
     linear = _linear(left.centers, homography)
-    by_points, count = _by_points(left, right, points, linear, gamma)
+    by_points, count = _by_points(left, right, points, linear, config)
     size = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
     by_shape = _affine(size[:, None, None] * linear, left.centers, right.centers)
     each = np.arange(len(left))
-    overlap, other = (overlaps(transformed(left, each, maps), right.shapes) for maps in (by_points, by_shape))
-    trusted = (overlap >= other) | ((count >= gamma) & (overlap > 0))
+    overlap, other = (iou(transform_polygons(left, each, maps), right.shapes) for maps in (by_points, by_shape))
+    trusted = (overlap >= other) | ((count >= config.gamma) & (overlap > 0))
     return np.where(trusted[:, None, None], by_points, by_shape)
 
 
 def _by_points(
-    left: PolygonArrays, right: PolygonArrays, points: PointMatches, linear: Array, gamma: int
+    left: PolygonArrays, right: PolygonArrays, points: PointMatches, linear: Array, config: LocalConfig
 ) -> tuple[Array, NDArray[np.int64]]:
-    """(n, 3, 3) maps, which without points move centroid onto centroid, and (n,) the points inside both polygons."""
+    """(n, 3, 3) maps, which move centroid onto centroid where there are no points, and (n,) the number of points."""
     each = np.arange(len(left))
     maps, points_inside = _affine(linear, left.centers, right.centers), np.zeros(len(left), np.int64)
     inside = shared_points(points, left, right)
@@ -65,11 +66,13 @@ def _by_points(
     point = inside.point[np.arange(len(group)) - first[group] + inside.start[at[some]][group]]
     middle = [np.add.reduceat(xy[point], first, axis=0) / count[:, None] for xy in (points.left, points.right)]
     maps[some] = _affine(linear[some], *middle)
-    many = count >= gamma
+    many = count >= config.gamma
     if many.any():
         keep = many[group]
         renumbered = (np.cumsum(many) - 1)[group[keep]]
-        maps[some[many]] = local_homography.fit_homographies(points, point[keep], renumbered, maps[some[many]])
+        maps[some[many]] = local_homography.fit_homographies(
+            points, point[keep], renumbered, maps[some[many]], config.homography
+        )
     return maps, points_inside
 
 

@@ -1,7 +1,7 @@
-"""The local matcher's equations (paper 3.4) in plain loops: to be read, and to test the fast forms with.
+"""The local matcher's equations (paper 3.4) in plain loops: for reading, and to test the fast forms with.
 
-Every choice that the paper leaves open is made as `shape.py`, `shared_points.py` and `assignment.py` state it. Slow on
-purpose: the optima are found by trying everything, or by one linear assignment over all polygons.
+Where the paper leaves a choice, it is made as `shape.py`, `shared_points.py` and `assignment.py` state. Clear rather
+than fast: optima are found by trying everything, or by one linear assignment over all polygons.
 """
 
 import itertools

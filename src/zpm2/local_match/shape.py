@@ -1,13 +1,13 @@
 """Shape: the graph descriptor, the node assignment and psi (paper 3.4.1).
 
-Three things cannot be used as printed, and are read like this:
+Three formulas cannot be used as printed. They are read like this:
 
 - The sum of angles of e_k^i grows with the number of vertices, which depends on the simplification. It is divided by
   N pi, so that e lies in 0..1 whatever N is.
 - beta is printed as a SUM over vertices; exp(-z beta) would then vanish for any real polygon. It is the MEAN over the
   assigned vertices, and the distance of two embeddings is divided by the square root of their length.
 - Indices run forwards along the closed ring (l from i to E(v_i, k), modulo N), and both rings turn the same way. Of
-  two vertices equally near (a rectangle has them) the one met first comes first, whichever vertex is numbered 0.
+  two equally near vertices (as in a rectangle) the one that is reached first comes first, whichever vertex has index 0.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
-CHORDS = 2**18  # computed at a time
+CHORD_CHUNK = 2**18  # chords that are computed at a time
 
 
 def embedding(ring: Array, k: int) -> Array:
@@ -31,11 +31,11 @@ def embedding(ring: Array, k: int) -> Array:
 
 
 def embeddings(rings: Sequence[Array], k: int) -> list[Array]:
-    """The embedding of each ring; those of equally many vertices are computed together."""
+    """The embedding of each ring. Rings with equally many vertices are computed together."""
     result: list[Array] = [ring[:0] for ring in rings]
     vertices = np.array([len(ring) for ring in rings])
     for n in np.unique(vertices):
-        rows, together = np.flatnonzero(vertices == n), max(1, CHORDS // n**2)
+        rows, together = np.flatnonzero(vertices == n), max(1, CHORD_CHUNK // n**2)
         for start in range(0, len(rows), together):
             part = rows[start : start + together]
             for row, alpha in zip(part, _embed(np.stack([rings[row] for row in part]), k), strict=True):
@@ -56,13 +56,13 @@ def _embed(rings: Array, k: int) -> Array:
     chord = np.hypot(away[..., 0], away[..., 1])
     near = np.round(chord / np.maximum(chord.max((1, 2), keepdims=True), 1e-300), 9)
     order = np.argsort(near, axis=2, kind="stable")[..., :k]
-    walked, turned = (_along(values)[np.arange(g)[:, None, None], i + ahead[order]] for values in (length, angle))
-    walked = walked - _along(length)[:, :n, None]
-    turned = turned - _along(angle)[:, 1 : n + 1, None]  # the vertices strictly between
+    walked, turned = (_prefix_sums(values)[np.arange(g)[:, None, None], i + ahead[order]] for values in (length, angle))
+    walked = walked - _prefix_sums(length)[:, :n, None]
+    turned = turned - _prefix_sums(angle)[:, 1 : n + 1, None]  # the vertices strictly between
     return np.asarray(np.take_along_axis(chord, order, axis=2) / np.maximum(walked, 1e-12) * turned / (n * np.pi))
 
 
-def _along(values: Array) -> Array:
+def _prefix_sums(values: Array) -> Array:
     """(g, N) -> (g, 2 N + 1): sums of the first 0, 1, ... values, twice around the ring."""
     return np.concatenate([np.zeros((len(values), 1)), np.cumsum(np.tile(values, 2), axis=1)], axis=1)
 

@@ -1,4 +1,4 @@
-"""DSF, the deep-spectral factor chi (paper 3.4.2): how many homologous points two polygons share, and which."""
+"""DSF, the deep-spectral factor chi (paper 3.4.2): the homologous points that two polygons share."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from zpm2.model import PointMatches, PolygonArrays
 
 @dataclass(frozen=True, eq=False)
 class SharedPoints:
-    """Points inside pairs of polygons, sparse. Pair k owns `point[start[k] : start[k + 1]]`."""
+    """The points inside each pair of polygons, sparse. Those of pair k are `point[start[k] : start[k + 1]]`."""
 
     pairs: Candidates  # every pair that shares a point, p of them
     start: NDArray[np.int64]  # (p + 1,)
@@ -26,9 +26,9 @@ class SharedPoints:
 
 
 def shared_points(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> SharedPoints:
-    """Which points lie in which pair: left end inside the left polygon and right end inside the right one.
+    """The points of each pair: left end inside the left polygon and right end inside the right one.
 
-    Cost is linear in the points and in how deeply polygons are nested.
+    Time grows linearly with the number of points, and with how deeply polygons are nested.
     """
     point_l, poly_l = _inside(points.left, left)
     point_r, poly_r = _inside(points.right, right)
@@ -47,19 +47,20 @@ def shared_points(points: PointMatches, left: PolygonArrays, right: PolygonArray
     return SharedPoints(Candidates(i[start], j[start]), np.append(start, len(i)), point, inside)
 
 
-def lookup(values: NDArray[np.int64], known: Candidates, asked: Candidates) -> NDArray[np.int64]:
-    """(c,) the entry of `values` (one per pair of `known`, which is sorted) for each pair of `asked`, -1 where none."""
-    width = 1 + max(known.right.max(initial=0), asked.right.max(initial=0))
+def lookup(values: NDArray[np.int64], known: Candidates, wanted: Candidates) -> NDArray[np.int64]:
+    """(c,) the entry of `values` (one per pair of `known`, which is sorted) for each pair of `wanted`, -1 where
+    none."""
+    width = 1 + max(known.right.max(initial=0), wanted.right.max(initial=0))
     keys = known.left * width + known.right
-    wanted = asked.left * width + asked.right
-    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+    wanted_keys = wanted.left * width + wanted.right
+    at = np.minimum(np.searchsorted(keys, wanted_keys), max(len(keys) - 1, 0))
     if len(keys) == 0:
-        return np.full(len(asked), -1, np.int64)
-    return np.where(keys[at] == wanted, values[at], -1)
+        return np.full(len(wanted), -1, np.int64)
+    return np.where(keys[at] == wanted_keys, values[at], -1)
 
 
 def _inside(points: NDArray[np.float64], polygons: PolygonArrays) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(point, polygon) rows of every containment, sorted by point."""
+    """(k,), (k,) rows of the points and of the polygons that contain them, sorted by point."""
     if len(points) == 0 or len(polygons) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     shapely.prepare(polygons.shapes)

@@ -1,4 +1,4 @@
-"""Why a polygon has no partner: what users ask first when two epochs or two views are compared."""
+"""Why a polygon has no partner: what users ask first when they compare two epochs or two views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,52 +8,80 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.config import LocalConfig
 from zpm2.model import ImagePolygons, Polygon, PolygonArrays, PolygonMatch
-from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.overlap import iou
 from zpm2.polygons.warp import WarpedPolygons
 
 Reason = Literal["outside overlap", "occluded", "no candidate", "rejected"]
 REASONS: tuple[Reason, ...] = ("outside overlap", "occluded", "no candidate", "rejected")
-MOSTLY = 0.5  # share of a polygon's place that must be seen, and that others must cover to hide it
-APART = 0.1  # share of a polygon that what hides it may overlap in its own photograph: neighbours touch
 
 
-def reasons(
+def with_reasons(
+    sides: tuple[ImagePolygons, ImagePolygons],
+    matches: Sequence[PolygonMatch],
+    warped: tuple[WarpedPolygons, WarpedPolygons],
+    config: LocalConfig,
+) -> tuple[ImagePolygons, ImagePolygons]:
+    """Both sides with the reason why each unmatched polygon has no partner, as `unmatched`.
+
+    `warped` are the left polygons in the right image, and the right ones in the left. A side's `image` may be reduced.
+    """
+    polygons = [PolygonArrays(side.polygons) for side in sides]
+    rows = [{int(id): k for k, id in enumerate(arrays.ids)} for arrays in polygons]
+    partners = np.full(len(polygons[0]), -1, np.int64), np.full(len(polygons[1]), -1, np.int64)
+    for match in matches:
+        i, j = rows[0][match.left], rows[1][match.right]
+        partners[0][i], partners[1][j] = j, i
+    found = []
+    for k, side in enumerate(sides):
+        other = sides[1 - k]
+        valid = None if other.image is None else other.image.valid
+        visible = visible_share(warped[k], (other.width, other.height), valid)
+        reasons = unmatched_reasons(polygons[k], polygons[1 - k], partners[k], warped[k], visible, config)
+        found.append(replace(side, unmatched=reasons))
+    return found[0], found[1]
+
+
+def unmatched_reasons(
     polygons: PolygonArrays,
     others: PolygonArrays,
     partner: NDArray[np.int64],
     warped: WarpedPolygons,
-    seen: NDArray[np.float64],
-    min_overlap: float,
+    visible: NDArray[np.float64],
+    config: LocalConfig,
 ) -> dict[int, Reason]:
     """Polygon id -> why it has no partner, for those of n polygons without one.
 
     It is the first of these that holds:
 
-    - "outside overlap": less than half of the place where it should be is in the other photograph, or has data there;
-    - "occluded": most of that place is covered by polygons whose partners are elsewhere in its own photograph;
-    - "rejected": a polygon of the other photograph overlaps that place (IoU) by `min_overlap` and was not taken: they
-      look different, or another match was better;
-    - "no candidate": there is none, or it is not known where it should be.
+    - "outside overlap": the other photograph does not show most of the warped polygon, or has no data there;
+    - "occluded": most of the warped polygon is covered by polygons whose partners lie elsewhere in the first
+      photograph;
+    - "rejected": a polygon of the other photograph overlaps the warped one (IoU) by `config.min_overlap`, but they look
+      different, or another match was better;
+    - "no candidate": no polygon overlaps it, or it could not be warped.
 
-    `partner` (n,) is the row of each polygon's partner among `others`, or -1; `warped` the polygons in the other
-    photograph, and `seen` (n,) the share of each that is visible there.
+    `partner` (n,) is the row of each polygon's partner among `others`, or -1. `warped` are the polygons in the other
+    photograph, `visible` (n,) the share of each that it shows. `config.unmatched` says how much is most.
     """
     unmatched = np.flatnonzero(partner < 0)
     shapes = warped.shapes[unmatched]
     known = ~shapely.is_empty(shapes)
     i, j = shapely.STRtree(others.shapes).query(shapes, predicate="intersects")
-    overlap = overlaps(shapes[i], others.shapes[j])
+    overlap = iou(shapes[i], others.shapes[j])
     candidate = np.zeros(len(unmatched), bool)
-    candidate[i[overlap >= min_overlap]] = True
+    candidate[i[overlap >= config.min_overlap]] = True
     back = np.full(len(others), -1, np.int64)
     matched = np.flatnonzero(partner >= 0)
     back[partner[matched]] = matched
-    hidden = _covered(polygons, unmatched, shapes, i, j, back, others) > MOSTLY
+    limits = config.unmatched
+    elsewhere = _from_elsewhere(polygons, unmatched[i], back[j], limits.max_shared)
+    hidden = _covered_share(shapes, others, i[elsewhere], j[elsewhere]) > limits.min_hidden
     found: dict[int, Reason] = {}
     for k, row in enumerate(unmatched):
         reason: Reason = "no candidate"
-        if known[k] and seen[row] < MOSTLY:
+        if known[k] and visible[row] < limits.min_visible:
             reason = "outside overlap"
         elif hidden[k]:
             reason = "occluded"
@@ -63,54 +91,53 @@ def reasons(
     return found
 
 
-def visible(
+def visible_share(
     warped: WarpedPolygons, size: tuple[int, int], valid: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """(n,) share of each carried polygon that lies in a photograph of `size` (width, height) px, on pixels with data.
+    """(n,) share of each warped polygon that lies in a photograph of `size` (width, height) px, on pixels with data.
 
-    `valid` (h, w) says of all of the photograph, at whatever resolution, where there are data."""
+    `valid` (h, w) is where the photograph has data, at any resolution. It is sampled at points half way from a vertex
+    to a point inside."""
     shapes = warped.shapes
     inside = shapely.intersection(shapes, shapely.box(0, 0, *size))
     share = shapely.area(inside) / np.maximum(shapely.area(shapes), 1e-300)
     if valid is None:
         return np.asarray(share)
     xy, of = shapely.get_coordinates(inside, return_index=True)
-    middle = shapely.get_coordinates(shapely.point_on_surface(inside))
-    full = np.flatnonzero(~shapely.is_empty(inside))
     centers = np.zeros((len(shapes), 2))
-    centers[full] = middle
-    at = (xy + centers[of]) / 2  # half way from the outline to a point inside
+    centers[~shapely.is_empty(inside)] = shapely.get_coordinates(shapely.point_on_surface(inside))
+    at = (xy + centers[of]) / 2
     column, row = np.clip(at / size * valid.shape[::-1], 0, np.array(valid.shape[::-1]) - 1).astype(np.intp).T
     count = np.bincount(of, minlength=len(shapes))
     return np.asarray(share * np.bincount(of, valid[row, column], len(shapes)) / np.maximum(count, 1))
 
 
-def _covered(
-    polygons: PolygonArrays,
-    unmatched: NDArray[np.intp],
-    shapes: NDArray[np.object_],
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    back: NDArray[np.int64],
-    others: PolygonArrays,
-) -> NDArray[np.float64]:
-    """(l,) share of each carried shape under other polygons whose partners lie apart from the polygon."""
-    keep = back[j] >= 0
-    i, j = i[keep], j[keep]
-    own, theirs = polygons.shapes[unmatched[i]], polygons.shapes[back[j]]
+def _from_elsewhere(
+    polygons: PolygonArrays, rows: NDArray[np.int64], partners: NDArray[np.int64], max_shared: float
+) -> NDArray[np.bool_]:
+    """(c,) whether polygon `partners[k]` (-1: there is none) lies beside polygon `rows[k]` of the same photograph."""
+    found = partners >= 0
+    own, theirs = polygons.shapes[rows[found]], polygons.shapes[partners[found]]
     common = shapely.area(shapely.intersection(own, theirs))
-    apart = common <= APART * np.minimum(shapely.area(own), shapely.area(theirs))
-    i, j = i[apart], j[apart]
+    found[found] = common <= max_shared * np.minimum(shapely.area(own), shapely.area(theirs))
+    return np.asarray(found)
+
+
+def _covered_share(
+    shapes: NDArray[np.object_], others: PolygonArrays, i: NDArray[np.int64], j: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """(l,) share of each shape that the polygons `j` of `others` cover together; `i` are the rows of their shapes."""
     order = np.argsort(i, kind="stable")
     i, j = i[order], j[order]
-    share = np.zeros(len(unmatched))
-    for k, rows in zip(np.unique(i), _parts(i), strict=True):
+    share = np.zeros(len(shapes))
+    for k, rows in zip(np.unique(i), _equal_runs(i), strict=True):
         cover = shapely.union_all(shapely.intersection(others.shapes[j[rows]], shapes[k]))
         share[k] = cover.area / max(shapes[k].area, 1e-300)
     return share
 
 
-def _parts(sorted_rows: NDArray[np.int64]) -> Sequence[NDArray[np.intp]]:
+def _equal_runs(sorted_rows: NDArray[np.int64]) -> Sequence[NDArray[np.intp]]:
+    """The indices of each run of equal values."""
     if len(sorted_rows) == 0:
         return []
     return np.split(np.arange(len(sorted_rows)), np.flatnonzero(np.diff(sorted_rows)) + 1)

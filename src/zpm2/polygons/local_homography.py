@@ -1,26 +1,28 @@
 """A homography of its own for each polygon, fitted to the homologous points inside it (paper 3.4.1)."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import HomographyConfig
 from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
-SIGMA = 2.0  # px, residual at which a point's weight has fallen to a half
-STEPS = 7  # of reweighting
-PRIOR_LINEAR, PRIOR_PROJECTIVE = 1e-3, 1e-1  # pull towards the affine prior, in points, normalised coordinates
 
 
-def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array) -> Array:
+def fit_homographies(
+    points: PointMatches, point: NDArray[np.int64], group: NDArray[np.int64], prior: Array, config: HomographyConfig
+) -> Array:
     """(g, 3, 3) one homography per group of points, all groups at once.
 
     `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
     `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
     Linear least squares in normalised coordinates with Cauchy weights: first by the distance to the prior, then to the
-    last solution; their scale is the median residual first, SIGMA px in the end. Each matrix is scaled so that a
-    group's own mean has depth 1: the sign of matrix[2, 2], the depth of the image's corner, says nothing about a small
-    polygon far from it.
+    last solution. The scale of the weights is the median residual first, `config.residual` px in the end. Each matrix
+    is scaled so that the group's mean has depth 1, and not so that matrix[2, 2] is 1: that is the depth of the image's
+    corner, which may be negative for a polygon far from it.
     """
     g = len(prior)
     first = np.searchsorted(group, np.arange(g))
@@ -30,21 +32,24 @@ def fit_homographies(points: PointMatches, point: NDArray[np.int64], group: NDAr
     to_left, from_right = _similarity(x_mean, x_size), _inverse_similarity(u_mean, u_size)
     start = np.linalg.inv(from_right) @ prior @ np.linalg.inv(to_left)  # the prior in normalised coordinates
     start = (start / start[:, 2:, 2:]).reshape(g, 9)[:, :8]
-    pull = np.array([PRIOR_LINEAR] * 2 + [0] + [PRIOR_LINEAR] * 2 + [0] + [PRIOR_PROJECTIVE] * 2)
+    affine, projective = config.affine_prior, config.projective_prior
+    weight_of_prior = np.array([affine, affine, 0, affine, affine, 0, projective, projective]) + 1e-9  # never singular
     zero, one = np.zeros(len(x)), np.ones(len(x))
     rows_u = np.stack([x[:, 0], x[:, 1], one, zero, zero, zero, -u[:, 0] * x[:, 0], -u[:, 0] * x[:, 1]], axis=1)
     rows_v = np.stack([zero, zero, zero, x[:, 0], x[:, 1], one, -u[:, 1] * x[:, 0], -u[:, 1] * x[:, 1]], axis=1)
     matrices = np.concatenate([start, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
-    for step in range(STEPS):
+    for iteration in range(config.iterations):
         mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
         depth = np.maximum(mapped[:, 2], 1e-3)
         residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
-        sigma = SIGMA if step >= 3 else np.maximum(SIGMA, _group_median(residual, group, first, count))[group]
-        weight = 1.0 / (1.0 + (residual / sigma) ** 2) / depth**2
+        scale: Any = config.residual
+        if iteration < config.wide_iterations:
+            scale = np.maximum(scale, _group_median(residual, group, first, count))[group]
+        weight = 1.0 / (1.0 + (residual / scale) ** 2) / depth**2
         square = weight[:, None, None] * (rows_u[:, :, None] * rows_u[:, None] + rows_v[:, :, None] * rows_v[:, None])
         right_side = weight[:, None] * (rows_u * u[:, :1] + rows_v * u[:, 1:])
-        normal = np.add.reduceat(square, first, axis=0) + np.diag(pull + 1e-9)
-        target = np.add.reduceat(right_side, first, axis=0) + (pull + 1e-9) * start
+        normal = np.add.reduceat(square, first, axis=0) + np.diag(weight_of_prior)
+        target = np.add.reduceat(right_side, first, axis=0) + weight_of_prior * start
         solution = np.linalg.solve(normal, target[:, :, None])[:, :, 0]
         matrices = np.concatenate([solution, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
     return np.asarray(from_right @ matrices @ to_left)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def overlaps(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
+def iou(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
     """(c,) IoU of the two polygons of each row, 0..1."""
     shared = shapely.area(shapely.intersection(first, second))
     union = shapely.area(first) + shapely.area(second) - shared

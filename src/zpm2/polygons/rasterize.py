@@ -1,7 +1,7 @@
 """Polygons to pixels: the one rule for which pixel lies inside.
 
-A pixel is inside if its centre is. A centre on an outline belongs to what lies to the right of it or below, so that
-polygons which share an edge share no pixel and leave none out.
+A pixel is inside if its centre is. A centre on an outline belongs to the polygon to the right of it or below it, so
+that polygons with a common edge share no pixel and leave none out.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from zpm2.model import Mask
 
 Array = NDArray[np.float64]
-MOST = 1 << 22  # pixels of a stack that are counted at a time
+PIXEL_CHUNK = 1 << 22  # pixels of a stack that are computed at a time
 
 
 def rasterize(shape: shapely.Polygon) -> Mask:
-    """The pixels inside `shape` (image px), as the crop of its bounds; undoes `polygons.trace`."""
+    """The pixels inside `shape` (image px), as the crop of its bounds. The inverse of `polygons.trace`."""
     x_min, y_min, x_max, y_max = shape.bounds
     x0, y0 = int(np.floor(x_min)), int(np.floor(y_min))
     size = int(np.ceil(x_max)) - x0, int(np.ceil(y_max)) - y0
@@ -27,18 +27,18 @@ def rasterize(shape: shapely.Polygon) -> Mask:
 
 def rasterize_stack(shapes: NDArray[np.object_], size: tuple[int, int]) -> NDArray[np.bool_]:
     """(n, height, width) the pixels inside each of (n,) polygons or multipolygons, px of an image of `size` (width,
-    height); what lies beyond it is cut off."""
+    height). They are cut off at its borders."""
     width, height = size
     bits = np.zeros((len(shapes), height, width), bool)
-    for rows in _chunks(len(shapes), max(1, MOST // max(1, width * height))):
+    for rows in _chunks(len(shapes), max(1, PIXEL_CHUNK // max(1, width * height))):
         a, b, owner = _edges(shapes[rows])
         bits[rows] = _inside(a, b, owner, rows.stop - rows.start, (0, 0), size)
     return bits
 
 
 def _edges(shapes: NDArray[np.object_]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Both ends (e, 2) of every edge, the upper one first, and (e,) the row of its shape. An edge is the same from both
-    of its sides, to the last bit."""
+    """Both ends (e, 2) of every edge, the upper one first, and (e,) the row of its shape. An edge is the same, to the
+    last bit, for both polygons that share it."""
     parts, of_part = shapely.get_parts(shapes, return_index=True)
     rings, of_ring = shapely.get_rings(parts, return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)

@@ -1,4 +1,4 @@
-"""Geometries that an operation broke or tore, made polygons again."""
+"""Valid polygons from geometries that an operation made invalid or split."""
 
 import numpy as np
 import shapely
@@ -18,11 +18,11 @@ def largest(geometry: shapely.Geometry) -> shapely.Polygon:
     return max(polygons_in(geometry), key=lambda part: part.area, default=shapely.Polygon())
 
 
-def mended(shape: shapely.Polygon) -> shapely.Polygon:
-    """A polygon whose rings may cross as a valid one: the largest piece of what they enclose.
+def repaired(shape: shapely.Polygon) -> shapely.Polygon:
+    """A valid polygon in place of one whose rings may cross: the largest piece of what they enclose.
 
-    Of two ways to read crossed rings the one that loses less: `buffer(0)` goes by the sense in which rings turn and
-    drops lobes that turn against the rest, `make_valid` takes what is enclosed twice for outside.
+    Of the two usual repairs the one that keeps more area: `buffer(0)` drops lobes that turn against the rest,
+    `make_valid` drops what is enclosed twice.
     """
     if shape.is_valid:
         return shape

@@ -1,4 +1,4 @@
-"""Between shapely's polygons and ours."""
+"""Conversion of shapely's polygons to ours."""
 
 import dataclasses
 
@@ -16,12 +16,12 @@ def from_shape(shape: shapely.Polygon, id: int, score: float = 1.0, label: str |
 
 
 def reshaped(polygon: Polygon, shape: shapely.Polygon) -> Polygon:
-    """The polygon with another outline (image px); all else that is known of it stays."""
+    """The polygon with the outline `shape` (image px). Its id, score, parent and label stay."""
     outline = from_shape(shape, polygon.id)
     return dataclasses.replace(polygon, exterior=outline.exterior, holes=outline.holes)
 
 
 def _ring(ring: shapely.LinearRing, positive: bool) -> NDArray[np.float64]:
-    """(n, 2) vertices without the closing one, turned so that the shoelace sum has the sign asked for."""
+    """(n, 2) vertices without the closing one, in the order in which the shoelace sum has the wanted sign."""
     vertices = shapely.get_coordinates(ring)[:-1]
     return np.ascontiguousarray(vertices if shapely.is_ccw(ring) == positive else vertices[::-1])

@@ -6,15 +6,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-AREA_CHANGE = 0.2  # share of a polygon's area that simplification may add or take
+from zpm2.config import VectorizeConfig
 
 
-def simplify(shapes: Sequence[shapely.Polygon], tolerance: float, min_area: float) -> NDArray[np.object_]:
-    """Douglas-Peucker that keeps topology; a shape that it would break or change too much stays exact."""
+def simplify(shapes: Sequence[shapely.Polygon], config: VectorizeConfig, min_area: float) -> NDArray[np.object_]:
+    """(n,) the shapes by Douglas-Peucker, which keeps their topology. A shape stays exact if it would become invalid,
+    if its area would change by more than the share `config.max_area_change`, or fall below `min_area` px^2."""
     exact = np.array(shapes, object)
     if not len(exact):
         return exact
-    simple = shapely.simplify(exact, tolerance, preserve_topology=True)
+    simple = shapely.simplify(exact, config.tolerance, preserve_topology=True)
     before, after = shapely.area(exact), shapely.area(simple)
-    alike = (np.abs(after - before) <= AREA_CHANGE * before) & (after >= min_area)
+    alike = (np.abs(after - before) <= config.max_area_change * before) & (after >= min_area)
     return np.asarray(np.where(shapely.is_valid(simple) & alike, simple, exact))

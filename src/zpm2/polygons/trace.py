@@ -40,7 +40,7 @@ def pieces(mask: Mask, min_area: float = 0.0) -> list[Mask]:
 def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
     """The exact polygon of one 4-connected piece that fills its (h, w) crop.
 
-    OpenCV walks through pixel centres. On the piece enlarged twice, the centre at k lies beside the pixel edge
+    OpenCV's contours run through pixel centres. On the piece enlarged twice, the centre at k lies beside the pixel edge
     (k + 1) // 2 of the original, for exteriors, holes and concave corners alike.
     """
     enlarged = bits.repeat(2, axis=0).repeat(2, axis=1).view(np.uint8)

@@ -6,14 +6,15 @@ from numpy.typing import NDArray
 
 from zpm2 import geometry
 from zpm2.model import PolygonArrays
-from zpm2.polygons.repair import mended
+from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 
 
-def transformed(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Array) -> NDArray[np.object_]:
-    """(c,) shapely polygons: exterior and holes of polygon `rows[k]` carried by `matrices[k]`, made
-    valid where its rings cross there; empty where a vertex would go beyond the horizon."""
+def transform_polygons(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Array) -> NDArray[np.object_]:
+    """(c,) shapely polygons: polygon `rows[k]`, with its holes, mapped by `matrices[k]` (c, 3, 3).
+
+    Polygons whose rings cross after that are repaired. A polygon with a vertex beyond the horizon becomes empty."""
     if len(rows) == 0:
         return np.empty(0, object)
     coords, owner = shapely.get_coordinates(polygons.shapes[rows], return_index=True)
@@ -22,6 +23,6 @@ def transformed(polygons: PolygonArrays, rows: NDArray[np.int64], matrices: Arra
     mapped[beyond, 2] = 1.0
     shapes = shapely.set_coordinates(polygons.shapes[rows], mapped[:, :2] / mapped[:, 2:])
     invalid = ~shapely.is_valid(shapes)
-    shapes[invalid] = [mended(shape) for shape in shapes[invalid]]
+    shapes[invalid] = [repaired(shape) for shape in shapes[invalid]]
     shapes[np.unique(owner[beyond])] = shapely.Polygon()
     return np.asarray(shapes)

@@ -1,4 +1,4 @@
-"""Pixels to polygons and back: rings along pixel edges, Douglas-Peucker, which polygon lies in which."""
+"""Masks to polygons: outlines along pixel edges, simplified by Douglas-Peucker, with their parents (paper 3.2)."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -18,13 +18,12 @@ from zpm2.polygons.trace import outline_of_piece, pieces
 def vectorize(masks: Sequence[Mask], config: VectorizeConfig, min_area: float, size: tuple[int, int]) -> list[Polygon]:
     """One polygon per mask, in the order of the masks, with ids 0, 1, ... and parents (paper 3.2).
 
-    A polygon has one exterior, so the largest 4-connected piece of a mask stands for it. `size` is the image's (width,
-    height) in px; what a mask has beyond it is cut off. Holes under `min_area` px^2 are filled; a piece that is then
-    smaller than `min_area` gives no polygon. Simplified by Douglas-Peucker with `config.tolerance` px; where that would
-    break a polygon, change its area by more than a fifth (a line one pixel wide) or bring it under `min_area`, the
-    exact outline stays.
+    A polygon has one exterior, so it is the outline of the largest 4-connected piece of a mask. `size` is the image's
+    (width, height) in px; masks are cut off there. Holes under `min_area` px^2 are filled; a piece that is then smaller
+    than `min_area` gives no polygon. The outline is simplified (`simplify`), unless that would break it or change it
+    too much, as a line one pixel wide.
     """
-    return with_parents(outlines(masks, config, min_area, size)[0])
+    return with_parents(outlines(masks, config, min_area, size)[0], config)
 
 
 def outlines(
@@ -39,7 +38,7 @@ def outlines(
             rows.append(row)
             shapes.append(shape)
             corners.append((parts[0].x0, parts[0].y0))
-    simple = simplify(shapes, config.tolerance, min_area)
+    simple = simplify(shapes, config, min_area)
     moved = zip(simple, corners, strict=True)
     placed = [shapely.transform(shape, lambda xy, corner=corner: xy + corner) for shape, corner in moved]
     sources = [masks[row] for row in rows]
@@ -48,7 +47,7 @@ def outlines(
 
 
 def _cut(mask: Mask, size: tuple[int, int]) -> Mask:
-    """What of a mask lies in an image of `size` (width, height) px."""
+    """The part of a mask inside an image of `size` (width, height) px."""
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     right, bottom = max(0, size[0] - mask.x0), max(0, size[1] - mask.y0)
     return dataclasses.replace(mask, x0=mask.x0 + left, y0=mask.y0 + top, bits=mask.bits[top:bottom, left:right])

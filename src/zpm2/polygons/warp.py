@@ -1,7 +1,7 @@
-"""Where each polygon of one image should be in the other, from the homologous points alone.
+"""Each polygon of one image warped into the other, by the homologous points alone.
 
-The pyramid needs texture at a polygon's centre and gives a place; this gives a whole map, also for what has no texture:
-from the points inside the polygon, else from those around it.
+The pyramid (`global_match.pyramid`) needs texture at a polygon's centre and finds a location. The points in a polygon,
+or around it, give a whole map, without texture.
 """
 
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zpm2 import geometry
+from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
-from zpm2.polygons.transform import transformed
+from zpm2.polygons.transform import transform_polygons
 
 Array = NDArray[np.float64]
-AROUND = 8  # points nearest to a polygon that has none of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class WarpedPolygons:
     """n polygons in the other image."""
 
     maps: Array  # (n, 3, 3) other ~ map @ own, image px
-    shapes: NDArray[np.object_]  # (n,) shapely polygons, other image px; empty where there is no saying
+    shapes: NDArray[np.object_]  # (n,) shapely polygons, other image px; empty where no map is known
     own: NDArray[np.int64]  # (n,) homologous points inside the polygon
 
     def __len__(self) -> int:
@@ -34,12 +34,12 @@ class WarpedPolygons:
 
 
 def warp_by_points(
-    polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, gamma: int
+    polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
 ) -> WarpedPolygons:
-    """The polygons of the points' left image, as its right one should show them.
+    """The polygons of the points' left image, as the right one should show them.
 
-    With `gamma` points inside, a polygon has a homography of its own (3.4.1). With fewer, the local affine part of H
-    goes to the median place to which these lead, and without any, to that of the nearest `AROUND` points.
+    A polygon with at least `config.gamma` points has a homography of its own (3.4.1). With fewer, it moves by the local
+    affine part of H and the median shift of its points; without any, by that of the `config.nearest_points` nearest.
     """
     n = len(polygons)
     if n == 0 or len(points) == 0:
@@ -52,23 +52,23 @@ def warp_by_points(
     order = np.lexsort((point, polygon))
     polygon, point = polygon[order], point[order]
     own = np.bincount(polygon, minlength=n)
-    _, near = cKDTree(points.left).query(polygons.centers, k=min(AROUND, len(points)))
+    _, near = cKDTree(points.left).query(polygons.centers, k=min(config.nearest_points, len(points)))
     near = near.reshape(n, -1)
-    bare = np.flatnonzero(own == 0)
-    polygon = np.append(polygon, np.repeat(bare, near.shape[1]))
-    point = np.append(point, near[bare].ravel())
+    without = np.flatnonzero(own == 0)
+    polygon = np.append(polygon, np.repeat(without, near.shape[1]))
+    point = np.append(point, near[without].ravel())
     order = np.argsort(polygon, kind="stable")
     polygon, point = polygon[order], point[order]
-    maps = _moved(polygons.centers, points, polygon, point, homography)
-    rich = own >= gamma
-    if rich.any():
-        keep = rich[polygon]
-        renumbered = (np.cumsum(rich) - 1)[polygon[keep]]
-        maps[rich] = local_homography.fit_homographies(points, point[keep], renumbered, maps[rich])
-    return WarpedPolygons(maps, transformed(polygons, np.arange(n), maps), own)
+    maps = _affine_maps(polygons.centers, points, polygon, point, homography)
+    many = own >= config.gamma
+    if many.any():
+        keep = many[polygon]
+        renumbered = (np.cumsum(many) - 1)[polygon[keep]]
+        maps[many] = local_homography.fit_homographies(points, point[keep], renumbered, maps[many], config.homography)
+    return WarpedPolygons(maps, transform_polygons(polygons, np.arange(n), maps), own)
 
 
-def _moved(
+def _affine_maps(
     centers: Array, points: PointMatches, polygon: NDArray[np.int64], point: NDArray[np.int64], h: Array | Failed
 ) -> Array:
     """(n, 3, 3) affine maps: the linear part of H at the polygon's centre, and the median shift of its points."""

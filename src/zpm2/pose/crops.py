@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import PoseConfig
 from zpm2.features import PointMatcher
+from zpm2.global_match import points_with_data
 from zpm2.model import Image, PointMatches, PolygonArrays
-from zpm2.pipeline import on_data
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, side
         moved = PointMatches(geometry.project(a, points.left), geometry.project(b, points.right), points.score)
         inside = _within(moved.left, images[0]) & _within(moved.right, images[1])
         parts.append(moved[inside])
-    return on_data(PointMatches.join(parts), images)
+    return points_with_data(PointMatches.join(parts), images)
 
 
 def _square(polygons: PolygonArrays, config: PoseConfig) -> Array:

@@ -12,7 +12,7 @@ from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed
 from zpm2.features import PointMatcher
 from zpm2.global_match import initial_geometry
-from zpm2.global_match.chance import CHANCE, MIRRORED, log_chance
+from zpm2.global_match.chance import MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
 from zpm2.pose.estimators import PoseEstimate, PoseEstimator, open_estimator
@@ -190,8 +190,9 @@ class PoseFinder:
         agree = rays.near(essential, self.config.pose.inlier)
         unit = np.diag([1 / focal, 1 / focal, 1.0])
         pixels = PointMatches(rays.left * focal, rays.right * focal, points.score)
-        chance = log_chance(unit @ essential @ unit, pixels, agree, sample=ESSENTIAL_SAMPLE, models=ESSENTIAL_MODELS)
-        if chance <= CHANCE:
+        limits = self.config.global_match.chance
+        counts = {"sample": ESSENTIAL_SAMPLE, "models": ESSENTIAL_MODELS}
+        if log_chance(unit @ essential @ unit, pixels, agree, **counts, config=limits) <= -limits.significance:
             return pose
         return Failed(
             f"the photographs may not show the same scene: {int(agree.sum())} of {len(points)} homologous points agree "

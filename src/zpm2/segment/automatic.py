@@ -1,11 +1,15 @@
-"""Segment everything: which prompts to ask, and which of the answers are regions of their own.
+"""Segment everything: which points become prompts, and which of the predicted masks are regions of their own.
 
-With every point of the grid asked, this is SAM's automatic mask generator (Kirillov et al. 2023, Appendix B, "Automatic
-Mask Generation") on one view of the image. Most of these points ask about one region again: on an aerial photograph
-1024 of them bring two dozen regions. The faster levels of quality ask a few points of the grid, for what is large; then
-where the photograph differs from its surroundings (`blobs`), most different first, unless a mask of about that size
-is there already; then points of the grid outside of the finest mask of every prompt, in an order of which any first
-part is spread over the image. Whole, part and subpart come with every prompt. A level of quality is how many are asked.
+With every point of the grid as a prompt, this is SAM's automatic mask generator (Kirillov et al. 2023, Appendix B,
+"Automatic Mask Generation") on one view of the image. Most of these prompts find the same regions again: on an aerial
+photograph 1024 of them find two dozen. The faster levels of quality prompt in three steps:
+
+1. at a few points of the grid, for large regions;
+2. at blobs (`blobs`), the most contrasted first, unless a mask of about that size is there already;
+3. at points of the grid outside the finest mask of every earlier prompt. Any first part of their order is spread evenly
+   over the image.
+
+Each prompt predicts a whole, a part and a subpart. A level of quality is a number of prompts (`config.prompts`).
 """
 
 from collections.abc import Callable
@@ -19,11 +23,7 @@ from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
 
-FIRST = 1 / 64  # of the points of the grid: asked before anything else
-BLOBS = {"fast": 1 / 6, "balanced": 1 / 3}  # places that stand out, in number of points of the grid
-OUTSIDE = {"fast": 1 / 4, "balanced": 1 / 2}  # of the points of the grid, where nothing was found
-EXPLAINED = 6.0  # areas of a blob: a mask there that is not larger is what stands out
-CHUNK = 256  # masks looked at at a time; one takes up to 64 kB
+MASK_CHUNK = 256  # masks processed at a time; one takes up to 64 kB
 Rows = NDArray[np.int64]
 
 
@@ -34,11 +34,11 @@ def automatic_masks(
     known: MaskPredictions | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> MaskPredictions:
-    """The regions of a view that the prompts find, best score first, `known` ones before all others.
+    """The regions of a view, `known` ones first, then by score, best first.
 
-    `thresholds` are `config`'s, if no others are given. `known` are masks that are regions already, the best one first:
-    where they are fine no prompt is made, and a mask that overlaps one of them by more than `config.nms_iou` is the
-    same region.
+    `thresholds` default to `config`'s. `known` are masks of regions that were found before, best first: the faster
+    levels make no prompts inside them, and a mask that overlaps one by more than `config.nms_iou` is the same region.
+    `progress` receives the share that is done, 0..1.
     """
     thresholds = thresholds or MaskThresholds(config.min_predicted_iou, config.min_stability)
     known = MaskPredictions.none(view.size) if known is None else known
@@ -49,7 +49,7 @@ def automatic_masks(
             found.append(view.predict(Prompts.at(points[start : start + view.batch] / view.mask_scale), thresholds))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        found = _where_it_pays(view, config, thresholds, known, progress)
+        found = _predict_selected(view, config, thresholds, known, progress)
     predictions = MaskPredictions.join([known, *found])
     del found
     rank = predictions.score.astype(np.float64)
@@ -57,54 +57,60 @@ def automatic_masks(
     return distinct(predictions, rank, config, view)
 
 
-def _where_it_pays(
+def _predict_selected(
     view: PromptedView,
     config: SegmentConfig,
     thresholds: MaskThresholds,
     known: MaskPredictions,
     progress: Callable[[float], None],
 ) -> list[MaskPredictions]:
-    """The answers to the prompts of the faster levels, batch by batch."""
-    points, valid, seen = grid(config.grid, view.size), has_data(view.image, view.size), _Seen(view.size)
-    spots = blobs(view.image, valid)
-    seen.add(known.bits, known.bits)
-    seen.covered |= ~valid
-    first, most_spots, outside = (
-        max(1, round(share * len(points))) for share in (FIRST, BLOBS[config.quality], OUTSIDE[config.quality])
+    """The masks of the prompts of the faster levels, batch by batch."""
+    limits, fast = config.prompts, config.quality == "fast"
+    points, valid, coverage = grid(config.grid, view.size), has_data(view.image, view.size), _Coverage(view.size)
+    spots = blobs(view.image, valid, limits)
+    coverage.add(known.bits, known.bits)
+    coverage.covered |= ~valid
+    shares = (
+        limits.first,
+        limits.fast_blobs if fast else limits.balanced_blobs,
+        limits.fast_uncovered if fast else limits.balanced_uncovered,
     )
+    first, most_blobs, most_uncovered = (max(1, round(share * len(points))) for share in shares)
     found: list[MaskPredictions] = []
 
-    def predict(at: NDArray[np.float64], worth: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
-        """At most so many of the points, in their order, that are worth it when their turn comes."""
-        rows, asked = np.arange(len(at)), 0
-        while asked < most and len(rows := rows[worth(rows)]):
-            some, rows = np.split(rows, [min(view.batch, most - asked)])
-            predictions = view.predict(Prompts.at(at[some] / view.mask_scale), thresholds)
-            seen.add(predictions.bits, _finest_around(predictions, *_pixels(at[some])).bits)
+    def predict(at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
+        """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
+        reached."""
+        rows, prompted = np.arange(len(at)), 0
+        while prompted < most and len(rows := rows[wanted(rows)]):
+            batch, rows = np.split(rows, [min(view.batch, most - prompted)])
+            predictions = view.predict(Prompts.at(at[batch] / view.mask_scale), thresholds)
+            coverage.add(predictions.bits, _finest_around(predictions, *_pixels(at[batch])).bits)
             found.append(predictions)
-            asked += len(some)
-            progress((done + asked) / (first + most_spots + outside))
+            prompted += len(batch)
+            progress((done + prompted) / (first + most_blobs + most_uncovered))
 
-    def unexplained(rows: Rows) -> NDArray[np.bool_]:
-        return np.asarray(seen.smallest[_pixels(spots.points[rows])] > EXPLAINED * spots.area[rows])
+    def without_mask(rows: Rows) -> NDArray[np.bool_]:
+        smallest = coverage.smallest[_pixels(spots.points[rows])]
+        return np.asarray(smallest > limits.max_mask_to_blob * spots.area[rows])
 
-    predict(points[:first], lambda rows: ~seen.covered[_pixels(points[rows])], first, 0)
-    predict(spots.points, unexplained, most_spots, first)
+    predict(points[:first], lambda rows: ~coverage.covered[_pixels(points[rows])], first, 0)
+    predict(spots.points, without_mask, most_blobs, first)
     rest = points[first:]
-    predict(rest, lambda rows: ~seen.covered[_pixels(rest[rows])], outside, first + most_spots)
+    predict(rest, lambda rows: ~coverage.covered[_pixels(rest[rows])], most_uncovered, first + most_blobs)
     progress(1.0)
     return found
 
 
-class _Seen:
-    """What the answers so far show."""
+class _Coverage:
+    """Which pixels the masks so far cover."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.covered: NDArray[np.bool_] = np.zeros(size, bool)  # by the finest mask of a prompt, or without data
-        self.smallest: NDArray[np.float64] = np.full(size, np.inf)  # px^2, of the masks that a pixel lies in
+        self.smallest: NDArray[np.float64] = np.full(size, np.inf)  # px^2, of the masks that hold a pixel
 
     def add(self, masks: NDArray[np.bool_], finest: NDArray[np.bool_]) -> None:
-        """Masks (n, h, w), and those of them that are the finest of a prompt."""
+        """Adds masks (n, h, w); `finest` (m, h, w) are those that are the finest of a prompt."""
         self.covered |= finest.any(0)
         for bits in masks:
             self.smallest[bits] = np.minimum(self.smallest[bits], np.count_nonzero(bits))
@@ -117,8 +123,8 @@ def _pixels(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
-    """(n * n, 2) x, y: the centres of n x n cells of a (height, width), in an order of which each first part is spread
-    evenly: every second cell of a chessboard, of these every second row, and so on down to two cells."""
+    """(n * n, 2) x, y: the centres of n x n cells of a (height, width), in an order of which any first part is spread
+    evenly: the black cells of a chessboard, of these every second row, and so on down to two cells."""
     x, y = np.meshgrid(np.arange(n), np.arange(n))
     rank = np.zeros(x.shape, np.int64)
     for k in range((n - 1).bit_length()):  # the lowest bits weigh most
@@ -130,16 +136,16 @@ def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
 def distinct(
     predictions: MaskPredictions, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView
 ) -> MaskPredictions:
-    """Without masks that are too small or too large, and of those that show the same region the one of highest `rank`
-    (n,); highest rank first."""
+    """One mask per region, highest `rank` (n,) first: of masks that overlap by more than `config.nms_iou`, the one of
+    highest rank. Masks that are too small or too large are dropped."""
     area = np.array([np.count_nonzero(logits > 0) for logits in predictions.logits], np.int64)
     pixels = area / view.mask_scale**2  # image px^2
-    usable = (pixels >= config.min_area / 2) & (area > 0)
+    usable = (pixels >= config.min_decoded_area * config.min_area) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
     rows = np.flatnonzero(usable)
     if len(rows) == 0:
         return predictions[rows]
-    chunks = (predictions.logits[rows[k : k + CHUNK]] > 0 for k in range(0, len(rows), CHUNK))
+    chunks = (predictions.logits[rows[k : k + MASK_CHUNK]] > 0 for k in range(0, len(rows), MASK_CHUNK))
     packed, box = map(
         np.concatenate, zip(*((suppression.pack(bits), suppression.boxes(bits)) for bits in chunks), strict=True)
     )

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LOW = 256  # px, longer side of a decoded mask
+MASK_SIDE = 256  # px, longer side of a decoded mask
 
 INSIDE, CORNER, OTHER_CORNER = 1, 2, 3  # labels of a prompt's points
 
 
 @dataclass(frozen=True, eq=False)
 class Prompts:
-    """Prompts of one form: each has the same number of points, with the same labels."""
+    """n prompts of one form: each has the same number of points, with the same labels."""
 
     points: NDArray[np.float64]  # (n, P, 2) image px
     labels: NDArray[np.int64]  # (P,) INSIDE for a point of the region, CORNER and OTHER_CORNER for its box
@@ -25,13 +25,13 @@ class Prompts:
 
     @staticmethod
     def at(points: NDArray[np.float64]) -> "Prompts":
-        """One point (n, 2) each."""
+        """One point (n, 2), image px, per prompt."""
         return Prompts(points[:, None], np.array([INSIDE]))
 
 
 @dataclass(frozen=True)
 class MaskThresholds:
-    """The least quality of a mask; below, it is not decoded or not kept."""
+    """The least quality of a mask. Masks below it are not decoded, or dropped."""
 
     predicted_iou: float  # 0..1, the model's own estimate of a mask's quality
     stability: float  # 0..1, IoU of the mask cut at +offset and at -offset
@@ -53,23 +53,23 @@ class MaskPredictions:
         return MaskPredictions(self.prompt[rows], self.score[rows], self.stability[rows], self.logits[rows])
 
     def passing(self, thresholds: MaskThresholds) -> NDArray[np.bool_]:
-        """(n,) which of them reach a floor."""
+        """(n,) which of them reach the thresholds."""
         return np.asarray((self.score >= thresholds.predicted_iou) & (self.stability >= thresholds.stability))
 
     @property
     def bits(self) -> NDArray[np.bool_]:
-        """(n, h, w) of the pixels inside."""
+        """(n, h, w) the masks."""
         return np.asarray(self.logits > 0)
 
     @staticmethod
     def none(size: tuple[int, int]) -> "MaskPredictions":
-        """Of a view of that `size`."""
+        """No mask, of a view of `size` (height, width)."""
         nothing = np.zeros(0, np.float32)
         return MaskPredictions(np.zeros(0, np.int64), nothing, nothing, np.zeros((0, *size), np.float16))
 
     @staticmethod
     def join(parts: "list[MaskPredictions]") -> "MaskPredictions":
-        """One after the other, at least one, each with its own numbering of prompts."""
+        """The masks of one or more parts, one after the other. Each part keeps its own rows of prompts."""
         return MaskPredictions(
             np.concatenate([p.prompt for p in parts]),
             np.concatenate([p.score for p in parts]),

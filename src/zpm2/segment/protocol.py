@@ -1,5 +1,11 @@
-"""What the pipeline asks of a source of regions."""
+"""What the pipeline needs from a source of regions.
 
+A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
+(`PromptedSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,40 +27,57 @@ class Segmenter(Protocol):
 
 @runtime_checkable
 class PolygonSource(Protocol):
-    """Gives the regions of one photograph as polygons at once: vertices that exist are not rasterised and traced anew.
-
-    `isinstance(segmenter, PolygonSource)` says whether a segmenter is one.
-    """
+    """A segmenter whose regions are polygons already. Their vertices are used as they are, not rasterised and
+    traced."""
 
     def polygons(self, image: Image) -> list[Polygon]:
         """The regions as valid polygons with distinct ids and with parents, in image px."""
         ...
 
 
+@runtime_checkable
+class HasNotes(Protocol):
+    """A segmenter that has something to tell the user about its last image."""
+
+    notes: Sequence[str]
+
+
+@runtime_checkable
+class FromFile(Protocol):
+    """A segmenter whose regions come from a file. What depends on them depends on the content of that file."""
+
+    path: Path
+
+
+def notes_of(segmenter: Segmenter) -> list[str]:
+    """What a segmenter has to tell about its last image; nothing for one without `notes`."""
+    return list(segmenter.notes) if isinstance(segmenter, HasNotes) else []
+
+
 class PromptedView(Protocol):
-    """One photograph, encoded once, that can be asked about places as often as wanted."""
+    """One photograph, encoded once, that takes any number of prompts."""
 
     mask_scale: float  # px of a decoded mask per image px
-    size: tuple[int, int]  # (height, width) of a decoded mask, px; the longer side has LOW
+    size: tuple[int, int]  # (height, width) of a decoded mask, px; the longer side has MASK_SIDE
     image: Image
-    batch: int  # prompts that are best asked together on this device
+    batch: int  # prompts at a time that suit this device
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`."""
         ...
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """(n,) shapely polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
+        """(n,) shapely polygons in image px -> (n, height, width) pixels of a decoded mask inside each."""
         ...
 
     def masks(self, predictions: MaskPredictions) -> list[Mask]:
-        """Each answer at the image's resolution."""
+        """Each mask at the image's resolution."""
         ...
 
 
 @runtime_checkable
 class PromptedSegmenter(Protocol):
-    """A segmenter that can be asked again about a photograph. `isinstance(segmenter, PromptedSegmenter)` tells."""
+    """A segmenter that takes prompts."""
 
     def view(self, image: Image) -> PromptedView:
         """The photograph, encoded."""

@@ -1,7 +1,7 @@
-"""SAM as a segmenter that can be asked: a photograph is encoded once, prompts get masks with scores.
+"""SAM as a segmenter that takes prompts: a photograph is encoded once, each prompt predicts masks with scores.
 
-Masks stay at the decoder's resolution, 256 px along the longer side, until it is known which of them are wanted; only
-those are brought to the image's own.
+Masks stay at the decoder's resolution, 256 px along the longer side, until the wanted ones are known. Only those are
+brought to the image's resolution.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,15 @@ from zpm2.config import SegmentConfig
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask, thin
 from zpm2.polygons.rasterize import rasterize_stack
-from zpm2.runtime import OneThreadAtATime
+from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, suppression
-from zpm2.segment.predictions import LOW, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam_backend import SamBackend, open_backend
 
-SIDE = 1024  # px, what the image encoder sees
-SINGLE = 1  # prompt tokens up to which the three masks for ambiguous prompts are the better ones (Kirillov et al., 3)
-TURNS = OneThreadAtATime()  # of all threads: whichever segmenter they ask, it takes all cores
+ENCODER_SIDE = 1024  # px, the square that the image encoder sees
+AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
+NETWORK_LOCK = ForkAwareLock()  # one for all segmenters: each of their networks uses all cores
+# of ImageNet's R, G and B in 0..255, which the released networks were trained with
 MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 STD = np.array([58.395, 57.12, 57.375], np.float32)
 
@@ -31,8 +32,8 @@ STD = np.array([58.395, 57.12, 57.375], np.float32)
 class SamSegmenter:
     """SAM behind the `PromptedSegmenter` protocol. Loads its networks on first use and keeps them.
 
-    `notes` holds what a user should know about how it runs. `say` is told about a conversion in progress,
-    `progress` the share of an image's prompts that is done, 0..1, and `download` the bytes of missing weights.
+    `notes` tell the user how it runs. `say` receives a line when networks are converted, `progress` the share of an
+    image's prompts that is done, 0..1, and `download` the bytes of missing weights.
     """
 
     def __init__(
@@ -50,9 +51,9 @@ class SamSegmenter:
         self._backend: SamBackend | None = None
 
     def load(self) -> SamBackend:
-        """The networks, loaded (and converted, once per machine) when first asked for."""
+        """The networks, loaded (and converted, once per machine) at the first call."""
         config = self.config
-        with TURNS:
+        with NETWORK_LOCK:
             if self._backend is None:
                 self._backend = open_backend(config.model, config.backend, self.device, self.say, self.download)
                 if config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
@@ -64,43 +65,43 @@ class SamSegmenter:
         return SamView(self.load(), image, self.config)
 
     def segment(self, image: Image) -> list[Mask]:
-        """Every region that the prompts find, best score first."""
+        """The regions, best score first."""
         view = self.view(image)
         found = view.masks(automatic.automatic_masks(view, self.config, progress=self.progress))
         return [mask for mask in found if mask.area >= self.config.min_area]
 
 
 class SamView:
-    """One photograph as SAM sees it: in a 1024-px square. Encoded once, asked as often as wanted."""
+    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView`."""
 
     def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
         if thin(image.width, image.height):
+            shorter = round(ENCODER_SIDE * min(image.width, image.height) / max(image.width, image.height))
             raise InputError(
-                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see {SIDE} x "
-                f"{round(SIDE * min(image.width, image.height) / max(image.width, image.height))}: match it in tiles "
-                "(--tiles on)"
+                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see "
+                f"{ENCODER_SIDE} x {shorter}: match it in tiles (--tiles on)"
             )
         self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
-        self.scale = SIDE / max(image.width, image.height)  # px of the square per image px
-        self.mask_scale = self.scale * LOW / SIDE  # px of a decoded mask per image px
+        self.scale = ENCODER_SIDE / max(image.width, image.height)  # px of the square per image px
+        self.mask_scale = self.scale * MASK_SIDE / ENCODER_SIDE  # px of a decoded mask per image px
         self.size = decoded_size(image)
-        with TURNS:
+        with NETWORK_LOCK:
             self.parts = backend.image(encoder_input(image, self.scale))
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
-        """The masks of each prompt that pass `thresholds`. Masks with too low a predicted IoU are not decoded.
+        """The masks of each prompt that reach `thresholds`. Masks whose predicted IoU is too low are not decoded.
 
-        A point alone is ambiguous: it gets the masks of a whole, a part and a subpart. With a box, the mask that SAM
-        gives to unambiguous prompts comes in addition.
+        A point alone is ambiguous: it predicts the masks of a whole, a part and a subpart. A point with a box also
+        predicts SAM's mask for unambiguous prompts.
         """
-        first = 1 if prompts.points.shape[1] <= SINGLE else 0
+        first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
         starts = range(0, len(prompts), self.batch)
-        found = [self._ask(prompts[s : s + self.batch], s, first, thresholds) for s in starts]
+        found = [self._predict_batch(prompts[s : s + self.batch], s, first, thresholds) for s in starts]
         return MaskPredictions.join([MaskPredictions.none(self.size), *found])
 
-    def _ask(self, prompts: Prompts, start: int, first: int, thresholds: MaskThresholds) -> MaskPredictions:
+    def _predict_batch(self, prompts: Prompts, start: int, first: int, thresholds: MaskThresholds) -> MaskPredictions:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
-        with TURNS:  # what a network returns is its own memory
+        with NETWORK_LOCK:  # outputs lie in the network's own memory, until it runs again
             iou, hyper, tokens = self.backend.prompt(self.parts, sparse)
             iou, hyper = iou[:, first:], hyper[:, first:]
             rows = np.flatnonzero((iou >= thresholds.predicted_iou).any(1))
@@ -118,12 +119,12 @@ class SamView:
         return MaskPredictions(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask that they cover."""
+        """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask inside each."""
         scaled = shapely.transform(shapes, lambda xy: xy * self.mask_scale)
         return rasterize_stack(np.asarray(scaled, object), self.size[::-1])
 
     def masks(self, predictions: MaskPredictions) -> list[Mask]:
-        """Each answer at the image's resolution, without pixels that hold no data."""
+        """Each mask at the image's resolution, without pixels that hold no data."""
         if len(predictions) == 0:
             return []
         each = zip(predictions.logits, suppression.boxes(predictions.bits), predictions.score, strict=True)
@@ -132,24 +133,24 @@ class SamView:
 
 
 def decoded_size(image: Image) -> tuple[int, int]:
-    """(height, width) px of a decoded mask: the image with LOW px along its longer side."""
-    height, width = -(-np.array([image.height, image.width]) * LOW // max(image.width, image.height))
+    """(height, width) px of a decoded mask: the image with MASK_SIDE px along its longer side."""
+    height, width = -(-np.array([image.height, image.width]) * MASK_SIDE // max(image.width, image.height))
     return int(height), int(width)
 
 
 def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
     """(1, 3, 1024, 1024): the image resized by `scale`, normalised, padded with zeros at the right and bottom."""
-    w, h = min(SIDE, max(1, round(image.width * scale))), min(SIDE, max(1, round(image.height * scale)))
+    w, h = min(ENCODER_SIDE, max(1, round(image.width * scale))), min(ENCODER_SIDE, max(1, round(image.height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     small = cv2.resize(image.rgb, (w, h), interpolation=how).astype(np.float32)
-    square = np.zeros((1, 3, SIDE, SIDE), np.float32)
+    square = np.zeros((1, 3, ENCODER_SIDE, ENCODER_SIDE), np.float32)
     square[0, :, :h, :w] = ((small - MEAN) / STD).transpose(2, 0, 1)
     return square
 
 
 def upsample(logits: NDArray[np.float16], box: NDArray[np.int64], image: Image, scale: float, score: float) -> Mask:
     """A decoded mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
-    size = SIDE / LOW / scale  # image px of one low-resolution pixel
+    size = ENCODER_SIDE / MASK_SIDE / scale  # image px of one low-resolution pixel
     x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
     x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])
     if x1 <= x0 or y1 <= y0:

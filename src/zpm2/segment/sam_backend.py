@@ -1,4 +1,4 @@
-"""What runs SAM's three networks: torch (the reference, and the GPU's way) or OpenVINO (the fast way on a CPU).
+"""What runs SAM's three networks: torch (the reference, and what a GPU uses) or OpenVINO (faster on a CPU).
 
 OpenVINO's graphs are converted once from the torch networks and kept beside the weights, in a folder whose name holds
 everything that they depend on: the weights' hash, this file's `VERSION`, and the versions of openvino and torch.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.errors import ConfigError, MissingDependency
-from zpm2.runtime import networks_loaded
+from zpm2.runtime import mark_networks_loaded
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -24,12 +24,12 @@ Say = Callable[[str], None]
 VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
-TOKEN = 4  # px of a decoded mask under an image token, along each side
+TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 CPU_BATCH, GPU_BATCH = 16, 64  # prompts at a time: 4 MB of image tokens each
 
 
 class SamBackend(Protocol):
-    """The three networks of `sam_network`, arrays in and arrays out. What `image` returns is for `prompt` only."""
+    """The three networks of `sam_network`, arrays in and arrays out. Only `prompt` reads what `image` returns."""
 
     name: str
     batch: int  # prompts at a time, at most
@@ -45,15 +45,15 @@ class SamBackend(Protocol):
 
     def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
-        `size` (height, width) px of a decoded mask; what lies beyond is padding and not decoded."""
+        `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
 
 
 def open_backend(
     model: str, backend: str, device: str, say: Say, download: weights.Progress | None = None
 ) -> SamBackend:
-    """The backend that the configuration asks for ("auto": openvino on a CPU where it is installed, else torch).
+    """The configured backend ("auto": openvino on a CPU where it is installed, else torch).
 
-    `say` is told when networks are being converted, which takes half a minute once.
+    `say` receives a line when networks are converted, which takes half a minute once.
     """
     if backend == "openvino" and device != "cpu":
         raise ConfigError(f"segment.backend openvino runs on the CPU only, the device is {device}; use --device cpu")
@@ -76,7 +76,7 @@ def load_sam(model: str) -> Any:
 
 
 class TorchBackend:
-    """The networks as they are."""
+    """The networks in torch."""
 
     name = "torch"
 
@@ -123,7 +123,7 @@ class OpenVinoBackend:
         from zpm2.segment.sam_network import PromptEmbedding
 
         folder = _converted(model, openvino.__version__, say)
-        networks_loaded()
+        mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
             self.embed = PromptEmbedding(**arrays)
         self.core = openvino.Core()
@@ -145,11 +145,11 @@ class OpenVinoBackend:
 
     @staticmethod
     def _run(network: Any, inputs: list[Array]) -> list[Array]:
-        """Outputs are the network's own memory: good until it runs again."""
+        """The outputs lie in the network's own memory, until it runs again."""
         return list(network(inputs, share_inputs=True, share_outputs=True).values())
 
     def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
-        """A batch of fixed size, filled up with zeros, takes a fifth less time than one of any size."""
+        """In batches of a fixed size, filled up with zeros: a fifth faster than networks for any size."""
         given, tokens_each = sparse.shape[:2]
         if tokens_each not in self.prompt_networks:
             shapes = [part.shape for part in parts] + [(self.batch, *sparse.shape[1:])]
@@ -160,7 +160,7 @@ class OpenVinoBackend:
         return iou[:given], hyper[:given], tokens[:given]
 
     def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
-        """Prompt by prompt: as fast as together, and the image tokens (4 MB each) are not copied."""
+        """One prompt at a time: as fast as together, and the image tokens (4 MB each) are not copied."""
         logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
             part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]
@@ -174,11 +174,11 @@ class OpenVinoBackend:
 def _part(tokens: Any, size: tuple[int, int]) -> Any:
     """Image tokens (B, N, C) -> those (B, h, w, C) under the first `size` (height, width) px of a decoded mask."""
     grid = isqrt(tokens.shape[1])
-    return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN), : -(-size[1] // TOKEN)]
+    return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN_PX), : -(-size[1] // TOKEN_PX)]
 
 
 def _converted(model: str, openvino_version: str, say: Say) -> Path:
-    """The folder with the converted networks, made now if it is not there yet."""
+    """The folder with the converted networks, which are converted now if they are not there yet."""
     from importlib.metadata import version
 
     name = WEIGHTS[model]
@@ -205,7 +205,7 @@ def _convert(model: str, folder: Path) -> None:
             sam_network.PromptNetwork(sam),
             sam_network.MaskNetwork(sam),
         )
-        pixels = torch.zeros(1, 3, sam_network.SIDE, sam_network.SIDE)
+        pixels = torch.zeros(1, 3, sam_network.ENCODER_SIDE, sam_network.ENCODER_SIDE)
         parts = image.eval()(pixels)
         sparse = torch.zeros(2, 2, 256)
         _, hyper, tokens = prompt.eval()(*parts, sparse)

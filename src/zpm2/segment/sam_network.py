@@ -1,4 +1,4 @@
-"""SAM's networks cut where segment-everything wants them cut: per image, per prompt, per surviving mask.
+"""SAM cut into three networks for segment everything: per image, per prompt, per mask that is kept.
 
 The mask decoder of SAM (Kirillov et al., Segment Anything, ICCV 2023, Fig. 4) lets T prompt tokens (here 7) and N =
 4096 image tokens attend to each other in two layers, and then upscales the image tokens to a 256 x 256 mask. Run as
@@ -10,7 +10,7 @@ identities, none of which changes the result beyond rounding, leave about a quar
   q (X W)^T = (q W^T) X^T and (A X) W instead of A (X W). T tokens x 8 heads = 56 columns replace 128.
 - A prompt whose predicted IoU is too low needs no mask, so the upscaling is a network of its own.
 
-The weights are those of kornia's `Sam`; `tests/detect/test_sam_network.py` holds this file against kornia's decoder.
+The weights are those of kornia's `Sam`; `tests/segment/test_sam_network.py` compares this file with kornia's decoder.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 GRID = 64  # image tokens along a side
-SIDE = 1024  # px, the square that the image encoder sees
+ENCODER_SIDE = 1024  # px, the square that the image encoder sees
 
 
 class ImageNetwork(nn.Module):
@@ -43,10 +43,10 @@ class ImageNetwork(nn.Module):
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         keys = self.encoder(image)[0].flatten(1).T + self.no_mask
-        placed = keys + self.position
-        k = self.to_image.k_proj(placed).reshape(GRID * GRID, self.heads, -1).permute(1, 2, 0)
+        positioned = keys + self.position
+        k = self.to_image.k_proj(positioned).reshape(GRID * GRID, self.heads, -1).permute(1, 2, 0)
         v = self.to_image.v_proj(keys).reshape(GRID * GRID, self.heads, -1).permute(1, 0, 2)
-        return keys, k, v, self.to_token.q_proj(placed)
+        return keys, k, v, self.to_token.q_proj(positioned)
 
 
 class PromptNetwork(nn.Module):
@@ -76,15 +76,17 @@ class PromptNetwork(nn.Module):
         weights, bias, values = _token_side(first.cross_attn_image_to_token, queries + tokens, queries, fold=False)
         image = first.norm4(keys + _attend_tokens(first.cross_attn_image_to_token, q @ weights + bias, values))
 
-        placed = image + self.position
-        asked = queries + tokens
-        queries = second.norm1(queries + second.self_attn(asked, asked, queries))
+        positioned = image + self.position
+        positioned_queries = queries + tokens
+        queries = second.norm1(queries + second.self_attn(positioned_queries, positioned_queries, queries))
         queries = second.norm2(
-            queries + _token_to_image(second.cross_attn_token_to_image, queries + tokens, placed, image)
+            queries + _token_to_image(second.cross_attn_token_to_image, queries + tokens, positioned, image)
         )
         queries = second.norm3(queries + second.mlp(queries))
         weights, bias, values = _token_side(second.cross_attn_image_to_token, queries + tokens, queries, fold=True)
-        image = second.norm4(image + _attend_tokens(second.cross_attn_image_to_token, placed @ weights + bias, values))
+        image = second.norm4(
+            image + _attend_tokens(second.cross_attn_image_to_token, positioned @ weights + bias, values)
+        )
 
         queries = self.final_norm(queries + _token_to_image(self.final, queries + tokens, image + self.position, image))
         masks = [head(queries[:, 1 + i]) for i, head in enumerate(self.mask_heads)]
@@ -137,7 +139,7 @@ class PromptEmbedding:
     def __call__(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float32]:
         """(B, P, 2) px of the 1024-px square, outer-corner origin, and (P,) labels (0 outside, 1 inside, 2 and 3 the
         corners of a box) -> (B, P, 256) tokens, and one padding token more if there is no box."""
-        phase = (2 * np.pi) * (points.astype(np.float32) * np.float32(2 / SIDE) - 1) @ self.frequencies
+        phase = (2 * np.pi) * (points.astype(np.float32) * np.float32(2 / ENCODER_SIDE) - 1) @ self.frequencies
         tokens = np.concatenate([np.sin(phase), np.cos(phase)], axis=-1) + self.labels[labels]
         if (labels >= 2).any():
             return tokens
@@ -171,7 +173,7 @@ def _token_to_shared_image(attention: Any, tokens: Tensor, k: Tensor, v: Tensor)
     return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
 
-def _token_to_image(attention: Any, tokens: Tensor, placed: Tensor, image: Tensor) -> Tensor:
+def _token_to_image(attention: Any, tokens: Tensor, positioned: Tensor, image: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens (B, N, C); the image's k and v projections are moved to the tokens.
 
     The bias of k adds the same to a row of scores, which softmax ignores; that of v comes out unchanged, as weights sum
@@ -182,7 +184,7 @@ def _token_to_image(attention: Any, tokens: Tensor, placed: Tensor, image: Tenso
     b, _, t, d = query.shape
     key = attention.k_proj.weight.reshape(heads, d, -1)  # H, d, C
     folded = (query @ key * d**-0.5).reshape(b, heads * t, -1)
-    weights = (placed @ folded.transpose(1, 2)).softmax(1)  # B, N, H T: in this order the product is twice as fast
+    weights = (positioned @ folded.transpose(1, 2)).softmax(1)  # B, N, H T: in this order the product is twice as fast
     gathered = (weights.transpose(1, 2) @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias

@@ -1,4 +1,4 @@
-"""Sets of masks at the decoder's resolution: boxes, areas, duplicates."""
+"""Non-maximum suppression of masks at the decoder's resolution."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ def suppress(
     """Greedy non-maximum suppression on masks (not their boxes): the indices that stay, best score first.
 
     A mask goes if its IoU with a better one that stays exceeds `threshold`. IoU is at most the ratio of the two areas,
-    so most pairs are settled without looking at a pixel.
+    which decides most pairs without looking at a pixel.
     """
     order = np.argsort(-score, kind="stable")
     alive = np.ones(len(order), bool)

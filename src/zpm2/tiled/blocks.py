@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import Config, GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match import InitialGeometry, PriorLocations, place, search_candidates
+from zpm2.global_match import InitialGeometry, PriorLocations, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
-from zpm2.local_match import one_to_one, possible_matches
+from zpm2.local_match import MatchProblem, one_to_one, possible_matches
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
@@ -142,13 +142,14 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
             WarpedPolygons(maps, shapes, warped.own[rows]),
             (~guided[0], ~guided[1]),
             guided,
-            config.guided.min_match_overlap,
+            config.guided,
         )
     images = views[0].image, views[1].image
-    expected = PriorLocations(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
-    locations = place(*images, left.centers, initial, config.global_match, expected)
+    prior = PriorLocations(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
+    locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
-    return possible_matches(images, (left, right), initial, locations, candidates, config.local_match, guided_prior)
+    problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)
+    return possible_matches(problem, config.local_match)
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:

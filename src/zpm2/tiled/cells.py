@@ -1,7 +1,7 @@
 """Geometry cell by cell: a large scene has no single F and H, and no stage holds all of it at once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.config import CellsConfig, Config
+from zpm2.config import CellsConfig, Config, LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
@@ -70,7 +70,7 @@ def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
         matrix, _ = cv2.estimateAffine2D(points.left, points.right, method=cv2.RANSAC, ransacReprojThreshold=noise)
         if matrix is not None and np.isfinite(matrix).all() and abs(np.linalg.det(matrix[:, :2])) > MIN_DETERMINANT:
             homography = np.vstack([matrix, [0.0, 0.0, 1.0]])
-    return InitialGeometry(initial.points, initial.fundamental, homography, initial.consistent, initial.planar)
+    return replace(initial, homography=homography)
 
 
 def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
@@ -79,20 +79,20 @@ def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
     points = initial.points[initial.consistent]
     if len(points) <= config.neighbors:
         return float("inf")
-    motion = points.right - initial.expected(points.left).centers
+    motion = points.right - initial.prior_locations(points.left).centers
     _, near = cKDTree(points.left).query(points.left, k=config.neighbors + 1)
     away = np.linalg.norm(motion - np.median(motion[near[:, 1:]], axis=1), axis=1)
     return float(np.percentile(away, 90)) if np.isfinite(away).all() else float("inf")
 
 
-def warped_by_cells(polygons: PolygonArrays, cells: Sequence[Cell], gamma: int) -> WarpedPolygons:
+def warped_by_cells(polygons: PolygonArrays, cells: Sequence[Cell], config: LocalConfig) -> WarpedPolygons:
     """All polygons in the other photograph, each by the geometry of its cell."""
     n = len(polygons)
     maps, own = np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, np.int64)
     shapes = np.full(n, shapely.Polygon(), object)
     for cell in cells:
         part = warp_by_points(
-            PolygonArrays([polygons.polygons[row] for row in cell.rows]), *cell.initial.forward(), gamma
+            PolygonArrays([polygons.polygons[row] for row in cell.rows]), *cell.initial.forward(), config
         )
         maps[cell.rows], shapes[cell.rows], own[cell.rows] = part.maps, part.shapes, part.own
     return WarpedPolygons(maps, shapes, own)

@@ -18,16 +18,17 @@ from zpm2.files.places import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
 from zpm2.guided.regions import no_matches
-from zpm2.local_match.confidence import unsupported
+from zpm2.local_match.confidence import lower_confidence
+from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.source import Source, reduced
 from zpm2.photos.values import MIN_SIDE
-from zpm2.pipeline import PairMatcher, explained
+from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
-from zpm2.segment.protocol import PolygonSource
+from zpm2.segment.protocol import PolygonSource, notes_of
 from zpm2.tiled.blocks import LargePair, match_blocks
 from zpm2.tiled.cells import cells, warped_by_cells
 from zpm2.tiled.join import given_regions, join_points, join_regions
@@ -69,22 +70,22 @@ class TiledRun:
             stitched = self._regions(tiles, used)
         polygons = PolygonArrays(stitched[0].polygons), PolygonArrays(stitched[1].polygons)
         with timer("match"):
-            gamma = used.local_match.gamma
+            local = used.local_match
             forth = list(cells(polygons[0], points, used))
             back = list(cells(polygons[1], PointMatches(points.right, points.left, points.score), used))
-            warped = warped_by_cells(polygons[0], forth, gamma), warped_by_cells(polygons[1], back, gamma)
+            warped = warped_by_cells(polygons[0], forth, local), warped_by_cells(polygons[1], back, local)
             pair = LargePair(self.sources, polygons, (stitched[0].guided, stitched[1].guided))
             matches = match_blocks(pair, forth, warped[0], used, lambda share: progress("match", share))
             some = points[np.arange(0, len(points), len(points) // used.tiles.max_points + 1)]
             initial = initial_geometry(some, used.global_match, used.seed)
-            matches = matches if initial.supported else unsupported(matches)
+            matches = matches if initial.supported else lower_confidence(matches, used.local_match.confidence)
         with timer("explain"):
             overviews = [reduced(source, used.tiles.overview) for source in self.sources]
             sides = [
                 ImagePolygons(source.width, source.height, arrays.polygons, absolute(source.path), image, source.geo)
                 for source, arrays, image in zip(self.sources, polygons, overviews, strict=True)
             ]
-            sides = list(explained((sides[0], sides[1]), polygons, matches, warped, used.local_match.min_overlap))
+            sides = list(with_reasons((sides[0], sides[1]), matches, warped, local))
         if initial.mirrored:
             self.messages.append(MIRRORED)
         if not initial.supported:
@@ -120,9 +121,9 @@ class TiledRun:
         first, second = self.matcher.segmenters()
         if isinstance(first, PolygonSource) and isinstance(second, PolygonSource):
             left = given_regions(first, self.sources[0], self.min_areas[0])
-            self.messages += about("left regions", getattr(first, "notes", []))
+            self.messages += about("left regions", notes_of(first))
             right = given_regions(second, self.sources[1], self.min_areas[1])
-            self.messages += about("right regions", getattr(second, "notes", []))
+            self.messages += about("right regions", notes_of(second))
             return left, right
         stitched = join_regions(tiles, self.sources, self.min_areas, config)
         for side, regions in zip(SIDES, stitched, strict=True):
@@ -146,7 +147,7 @@ class TiledRun:
         segmenters = self.matcher.segmenters()
         if all(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
             return notes
-        return notes + list(dict.fromkeys(note for s in segmenters for note in getattr(s, "notes", [])))
+        return notes + list(dict.fromkeys(note for s in segmenters for note in notes_of(s)))
 
 
 def tile_size(config: Config, sources: Sequence[Source]) -> int:

@@ -18,7 +18,7 @@ from zpm2.config import Config, StitchConfig
 from zpm2.model import Polygon
 from zpm2.photos.raster import Window
 from zpm2.polygons.nest import with_parents
-from zpm2.polygons.overlap import overlaps
+from zpm2.polygons.overlap import iou
 from zpm2.polygons.repair import largest
 from zpm2.polygons.shapes import from_shape
 
@@ -79,7 +79,7 @@ def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area
         for k, row in enumerate(kept)
     ]
     left_out = len(rest) - sum(map(len, members))
-    return StitchedRegions(with_parents(polygons), guided[kept], int(is_united[kept].sum()), left_out)
+    return StitchedRegions(with_parents(polygons, config.vectorize), guided[kept], int(is_united[kept].sum()), left_out)
 
 
 def cut_by_window(
@@ -107,7 +107,7 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
     shared = np.clip(np.minimum(box[i, 2:], box[j, 2:]) - np.maximum(box[i, :2], box[j, :2]), 0, None).prod(1)
     keep = shared > threshold / (1 + threshold) * (area[i] + area[j])  # the intersection is no larger
     i, j = i[keep], j[keep]
-    same = overlaps(shapes[i], shapes[j]) > threshold
+    same = iou(shapes[i], shapes[j]) > threshold
     i, j = i[same], j[same]
     by_rank = np.argsort(rank[i], kind="stable")
     alive = np.ones(n, bool)
@@ -152,7 +152,7 @@ def _replaced(
     window = _array([border.box for border in borders])[tile[rest[i]]]
     seen = shapely.intersection(shapes[whole[j]], window)
     found = np.zeros(len(rest), bool)
-    found[i[overlaps(shapes[rest[i]], seen) >= config.min_agreement]] = True
+    found[i[iou(shapes[rest[i]], seen) >= config.min_agreement]] = True
     return found
 
 
@@ -172,7 +172,7 @@ def _groups(
     a, b = a[keep], b[keep]
     boxes = _array([border.box for border in borders])
     strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
-    alike = overlaps(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
+    alike = iou(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
     order = np.argsort(-alike, kind="stable")
     order = order[alike[order] >= config.min_agreement]
     group: dict[int, list[int]] = {}

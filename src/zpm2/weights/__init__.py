@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zpm2.errors import WeightsError
-from zpm2.runtime import networks_loaded
+from zpm2.runtime import mark_networks_loaded
 from zpm2.weights import licence
 from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
@@ -89,7 +89,7 @@ def load_state_dict(
     import torch
 
     path = get(name, directory=directory, progress=progress)
-    networks_loaded()
+    mark_networks_loaded()
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:

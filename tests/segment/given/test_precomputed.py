@@ -205,7 +205,7 @@ def test_the_image_is_chosen_by_its_file_name(tmp_path):
 def test_our_own_geojson_comes_back_bit_for_bit(tmp_path):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     discs = [Mask(0, 0, (x - cx) ** 2 + (y - 20) ** 2 < r**2, 0.9, "disc") for cx, r in ((20, 15), (22, 6), (45, 12))]
-    written = with_parents(vectorize(discs, VectorizeConfig(), 20, (WIDTH, HEIGHT)))
+    written = with_parents(vectorize(discs, VectorizeConfig(), 20, (WIDTH, HEIGHT)), VectorizeConfig())
     path = tmp_path / "left.geojson"
     geojson.write(path, geojson.feature_collection(written, None, "left.png", WIDTH, HEIGHT))
     segmenter = source(path)

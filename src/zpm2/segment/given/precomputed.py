@@ -74,7 +74,7 @@ class PrecomputedSegmenter:
             for piece in found
         ]
         named = zip(polygons, self._ids(found), found, strict=True)
-        return with_parents([_named(polygon, id, piece.region) for polygon, id, piece in named])
+        return with_parents([_named(polygon, id, piece.region) for polygon, id, piece in named], self.config)
 
     def _pieces(self, image: Image) -> list[_Piece]:
         read = self._read(image)

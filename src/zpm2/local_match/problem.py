@@ -1,0 +1,19 @@
+"""What the local matcher decides about."""
+
+from dataclasses import dataclass
+
+from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations
+from zpm2.guided.prior import GuidedPrior
+from zpm2.model import Image, PolygonArrays
+
+
+@dataclass(frozen=True, eq=False)
+class MatchProblem:
+    """Two images with their polygons, and what is known of them before they are compared."""
+
+    images: tuple[Image, Image]
+    polygons: tuple[PolygonArrays, PolygonArrays]
+    initial: InitialGeometry
+    locations: PyramidLocations  # of the left polygons in the right image
+    candidates: Candidates
+    guided_prior: GuidedPrior | None = None  # where guided re-detection found the polygons

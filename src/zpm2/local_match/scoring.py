@@ -1,0 +1,132 @@
+"""Scores of candidate pairs: overlap, shape, shared points, texture, and the cost of them (paper 3.4.1 and 3.4.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.config import LocalConfig
+from zpm2.global_match import Candidates, PyramidLocations
+from zpm2.local_match import assignment, shape, texture
+from zpm2.local_match.problem import MatchProblem
+from zpm2.local_match.shared_points import lookup, shared_points
+from zpm2.polygons import local_homography
+from zpm2.polygons.overlap import iou
+from zpm2.polygons.transform import transform_polygons
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateScores:
+    """What is known of each of c candidate pairs."""
+
+    pairs: Candidates
+    dsf: NDArray[np.int64]  # (c,) homologous points inside both
+    agreement: Array  # (c,) 0..1, share of the points inside either that are inside both
+    rectified: NDArray[np.object_]  # (c,) left polygon as the right image should show it
+    overlap: Array  # (c,) 0..1, IoU of the rectified polygon with the right one
+    area: Array  # (c,) 0..1, ratio of their areas
+    psi: Array  # (c,) 0..1, similarity of shape
+    texture: Array  # (c,) R, -1..1
+    cost: Array  # (c,) zeta
+
+
+class CandidateScorer:
+    """Scores pairs of one problem. What all pairs need, as texture patches, is computed once."""
+
+    def __init__(self, problem: MatchProblem, config: LocalConfig) -> None:
+        self.problem, self.config = problem, config
+        self.left, self.right = problem.polygons
+        self.guided_prior = problem.guided_prior
+        self.shared_points = shared_points(problem.initial.points, self.left, self.right)
+        each = np.arange(len(self.left))
+        maps = problem.locations.maps(self.left.centers, each)
+        maps[~np.isfinite(maps).all((1, 2))] = np.eye(3)
+        frames = transform_polygons(self.left, each, maps)
+        identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
+        back = np.linalg.inv(maps).astype(np.float64)
+        self.patches = (
+            texture.TexturePatches(problem.images[0], frames, back, config.patch),
+            texture.TexturePatches(problem.images[1], self.right.shapes, identity, config.patch),
+        )
+
+    def score(self, pairs: Candidates, locations: PyramidLocations) -> CandidateScores:
+        """The scores of those pairs that pass the geometric constraint, with left polygons at `locations`.
+
+        The constraint (the indicator I(G_i = G_j) of 3.1): a left polygon that hardly overlaps its candidate after
+        rectification is not where the candidate is, however alike they look.
+        """
+        config = self.config
+        at = lookup(np.arange(len(self.shared_points.pairs)), self.shared_points.pairs, pairs)
+        dsf = np.where(at >= 0, self.shared_points.counts[np.maximum(at, 0)] if len(self.shared_points.pairs) else 0, 0)
+        rectified = transform_polygons(self.left, pairs.left, self._maps(pairs, at, dsf, locations))
+        overlap = iou(rectified, self.right.shapes[pairs.right])
+        agreement = self._agreement(pairs, dsf)
+        near = overlap >= config.min_overlap
+        if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
+            warped = self.guided_prior.warped.shapes[pairs.left]
+            other = iou(warped, self.right.shapes[pairs.right])
+            rectified, overlap = np.where(other > overlap, warped, rectified), np.maximum(overlap, other)
+            near = self.guided_prior.accepts(pairs, overlap, agreement) & (overlap >= config.min_overlap)
+        rows = np.flatnonzero(near)
+        pairs, dsf, agreement = pairs[rows], dsf[rows], agreement[rows]
+        rectified, overlap = rectified[rows], overlap[rows]
+        area = shape.area_ratio(shapely.area(rectified), self.right.areas[pairs.right])
+        psi = overlap if config.shape == "overlap" else area * self._graph(rectified, pairs)[0]
+        r = texture.correlation(self.patches, pairs, config.min_contrast)
+        cost = assignment.matching_cost(psi, dsf, r, config)
+        return CandidateScores(pairs, dsf, agreement, rectified, overlap, area, psi, r, cost)
+
+    def nodes(self, scores: CandidateScores, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The homologous vertices (k, 2) of each of the pairs `rows`."""
+        return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
+
+    def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
+        """(c,) 0..1, share of the homologous points inside either polygon that are inside both, by Laplace's rule of
+        succession: one more point in both, and one more in one of them, so that few points say little."""
+        inside = self.shared_points.inside
+        either = inside[0][pairs.left] + inside[1][pairs.right] - dsf
+        return (dsf + 1) / (either + 2)
+
+    def _maps(
+        self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], locations: PyramidLocations
+    ) -> Array:
+        """(c, 3, 3) from left to right: a homography of the pair's own where it shares gamma points, else the map of
+        the left polygon's location, moved to the mean of the shared points if there are any."""
+        points = self.problem.initial.points
+        matrices = locations.maps(self.left.centers, pairs.left)
+        matrices[~np.isfinite(matrices).all((1, 2))] = np.eye(3)
+        some = np.flatnonzero(dsf > 0)
+        if len(some) == 0:
+            return matrices
+        start, count = self.shared_points.start[at[some]], dsf[some]
+        group = np.repeat(np.arange(len(some)), count)
+        first = np.cumsum(count) - count
+        point = self.shared_points.point[np.arange(len(group)) - first[group] + start[group]]
+        moved = np.einsum("kij,kj->ki", matrices[some][group][:, :2, :2], points.left[point])
+        matrices[some, :2, 2] = np.add.reduceat(points.right[point] - moved, first, axis=0) / count[:, None]
+        many = count >= self.config.gamma
+        if many.any():
+            keep = many[group]
+            renumbered = (np.cumsum(many) - 1)[group[keep]]
+            matrices[some[many]] = local_homography.fit_homographies(
+                points, point[keep], renumbered, matrices[some[many]], self.config.homography
+            )
+        return matrices
+
+    def _graph(self, rectified: NDArray[np.object_], pairs: Candidates) -> tuple[Array, list[NDArray[np.int64]]]:
+        rings = [_exterior(s, self.left.polygons[i].exterior) for s, i in zip(rectified, pairs.left, strict=True)]
+        others = [self.right.polygons[j].exterior for j in pairs.right]
+        return shape.graph_similarity(rings, others, self.config.z, self.config.neighbors)
+
+
+def _exterior(rectified: shapely.Geometry, original: Array) -> Array:
+    """(n, 2) the exterior of a rectified polygon, with the vertices of the original one; the original exterior where
+    the polygon had to be repaired, as the descriptor is invariant to all but the distortion."""
+    if isinstance(rectified, shapely.Polygon) and not rectified.is_empty:
+        ring = np.asarray(shapely.get_coordinates(rectified.exterior)[:-1])
+        if len(ring) == len(original):
+            return ring
+    return original
