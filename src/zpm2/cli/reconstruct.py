@@ -1,16 +1,14 @@
 """`zpm2 reconstruct`: a workspace for `zpm2 cloud` from photographs."""
 
 import json
-import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from zpm2 import memory
-from zpm2.cli.console import AllowVrt, AsJson, MaxMemory, Out, Quiet, allow_vrt, bars, fresh_folder
-from zpm2.errors import ConfigError
+from zpm2.cli.console import bars, fresh_folder, warn
+from zpm2.cli.options import AllowVrt, AsJson, MaxMemory, Out, Quiet, allow_vrt, within
 
 
 def reconstruct(
@@ -23,11 +21,18 @@ def reconstruct(
             "[default: structure from motion]"
         ),
     ] = None,
-    max_size: Annotated[int, typer.Option(help="px, the longer side of the images that depth is computed on.")] = 1600,
-    neighbors: Annotated[int, typer.Option(help="Views that the depth of each view is computed from.")] = 3,
+    max_size: Annotated[
+        int,
+        typer.Option(
+            help="px, the longer side of the images that depth is computed on.", callback=within(100, 100_000, " px")
+        ),
+    ] = 1600,
+    neighbors: Annotated[
+        int, typer.Option(help="Views that the depth of each view is computed from.", callback=within(1, 1000))
+    ] = 3,
     sequence: Annotated[
         bool,
-        typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
+        typer.Option("--sequence", help="The photographs are a sequence: match each with the next ones only."),
     ] = False,
     allowed: AllowVrt = None,
     max_memory: MaxMemory = None,
@@ -39,40 +44,21 @@ def reconstruct(
     Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
     pycolmap: pip install "zpm2[colmap,cloud]".
     """
-    if not 100 <= max_size <= 100_000:
-        raise ConfigError(f"--max-size {max_size}: give at least 100 px, and at most 100,000")
-    if not 1 <= neighbors <= 1000:
-        raise ConfigError(f"--neighbors {neighbors}: give at least 1, and at most 1000")
+    from zpm2.reconstruct import Options, claimed_names, read_inputs
+    from zpm2.reconstruct import reconstruct as run
+
     allow_vrt(allowed)
     memory.size(max_memory or memory.AUTO)
     memory.limit(max_memory or memory.AUTO)
-    from zpm2.cloud.workspace import read_views
-    from zpm2.files.listing import distinct_names
-    from zpm2.photos.images import read_image
-    from zpm2.photos.listing import some_photographs
-    from zpm2.reconstruct import Options, claimed_names
-    from zpm2.reconstruct import reconstruct as run
-
-    known, odd = None, list[str]()
-    if cameras is not None:
-        if len(images) != 1 or not os.path.isdir(images[0]):
-            raise ConfigError("--cameras needs one folder of photographs")
-        views = read_views(images[0], images[0], cameras, odd)
-        paths = [view.path for view in views]
-        known = {name: view.camera for name, view in zip(distinct_names(paths), views, strict=True)}
-    else:
-        paths = some_photographs(images[0]) if len(images) == 1 and not os.path.isfile(images[0]) else images
-    for path in paths:
-        read_image(path)  # one line for what cannot be read, before anything is written
-    folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")
+    given = read_inputs(images, cameras)
+    folder = fresh_folder(out, *given.photographs, names=claimed_names(out, given.photographs), kept=".")
     with folder, bars(quiet or as_json) as (progress, _):
-        made = run(paths, out, Options(max_size, neighbors, sequence), known, progress)
-    notes = [*odd, *made.notes]
-    for note in notes:
-        print(f"warning: {note}", file=sys.stderr)
+        made = run(given.photographs, out, Options(max_size, neighbors, sequence), given.cameras, progress)
+    warnings = [*given.warnings, *made.notes]
+    warn(warnings)
     if as_json:
-        kept = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
-        print(json.dumps(kept | {"warnings": notes, "out": str(out)}))
+        counts = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
+        print(json.dumps(counts | {"warnings": warnings, "out": str(out)}))
     elif not quiet:
         print(f"{made.registered} of {made.photographs} photographs oriented, {made.points} points on the surface")
         print(f"Written: {out / 'mesh.ply'}, sparse/0, dense, images; next: zpm2 cloud {out} -o OUT")

@@ -4,6 +4,7 @@ from zpm2.pose.estimators import ESTIMATORS, Motion, PoseEstimator, open_estimat
 from zpm2.pose.rectify import rectify
 from zpm2.pose.relative import PoseFinder
 from zpm2.pose.result import Pose, PoseResult
+from zpm2.pose.run import OrientedPair, find
 from zpm2.stereo.camera_check import checked
 from zpm2.stereo.intrinsics import from_exif, guess, read_camera
 from zpm2.stereo.rectify import RectifiedPair
@@ -11,12 +12,14 @@ from zpm2.stereo.rectify import RectifiedPair
 __all__ = [
     "ESTIMATORS",
     "Motion",
+    "OrientedPair",
     "Pose",
     "PoseEstimator",
     "PoseFinder",
     "PoseResult",
     "RectifiedPair",
     "checked",
+    "find",
     "from_exif",
     "guess",
     "open_estimator",
