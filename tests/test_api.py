@@ -8,11 +8,12 @@ import pytest
 from rendered import Pair
 
 import zpm2
-from zpm2.cli import app
+from zpm2.cli.match import match as match_command
 from zpm2.config import OPTIONS
 from zpm2.errors import ConfigError
 
 COMMAND_ONLY = {"out", "formats", "config_file", "settings", "weights_dir", "allowed", "quiet", "as_json"}
+PYTHON_ONLY = {"config", "kept", "progress", "say"}
 
 
 def regions(pair: Pair) -> dict[str, Any]:
@@ -20,8 +21,8 @@ def regions(pair: Pair) -> dict[str, Any]:
 
 
 def test_match_takes_every_option_of_the_command() -> None:
-    ours, theirs = (set(inspect.signature(f).parameters) for f in (zpm2.match, app.match_command))
-    assert ours - {"config"} == theirs - COMMAND_ONLY
+    ours, theirs = (set(inspect.signature(f).parameters) for f in (zpm2.match, match_command))
+    assert ours - PYTHON_ONLY == theirs - COMMAND_ONLY
     assert set(OPTIONS) - {"estimator"} <= ours
 
 
@@ -66,7 +67,7 @@ def test_a_classical_baseline_by_its_name(pair: Pair) -> None:
         ({"preset": "papr"}, "did you mean 'paper'"),
         ({"method": "sift"}, "methods are"),
         ({"segmenter": "precomputed"}, "--left-regions"),
-        ({"segmenter": "vit_x"}, "segment.model must be one of"),
+        ({"segmenter": "vit_x"}, "segmenters are: mobile_sam, .*, precomputed"),
         ({"bands": (1, 2)}, "one or three band numbers"),
         ({"bands": 1.5}, "must be of type int"),
     ],
@@ -81,4 +82,19 @@ def test_unknown_options_are_refused() -> None:
         zpm2.config.with_options(zpm2.Config(), {"qualty": "full"})
     assert zpm2.config.with_options(zpm2.Config(), {"bands": "3,2,1"}).raster.bands == (3, 2, 1)
     assert zpm2.config.with_options(zpm2.Config(), {"bands": 2, "quality": None}).raster.bands == (2,)
-    assert Path(inspect.getfile(zpm2.match)).name == "methods.py"
+    assert Path(inspect.getfile(zpm2.match)).name == "api.py"
+
+
+@pytest.mark.parametrize("name", ["PolygonMatcher", "TiledMatcher"])
+def test_earlier_names_still_work_and_warn(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=f"{name} is now called zpm2.Matcher") as said:
+        assert getattr(zpm2, name) is zpm2.Matcher
+    assert Path(said[0].filename).name == "test_api.py"
+    assert name not in zpm2.__all__
+
+
+def test_progress_and_finished_tiles_are_told(pair: Pair, tmp_path: Path) -> None:
+    told: set[str] = set()
+    options = {"points": "sift", "device": "cpu", "progress": lambda stage, share: told.add(stage), **regions(pair)}
+    assert len(zpm2.match(pair.left, pair.right, kept=tmp_path, **options).matches) > 20
+    assert {"points", "detect", "local"} <= told

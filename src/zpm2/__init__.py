@@ -7,6 +7,7 @@ Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded w
 quick and loads no network library.
 """
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -44,10 +45,16 @@ _HOME = {
     "preset": "zpm2.config",
 }
 
+_DEPRECATED = {"PolygonMatcher": "Matcher", "TiledMatcher": "Matcher"}  # earlier names, until version 1.0
+
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("zpm2.runtime").package_version()
+    if name in _DEPRECATED:
+        now = _DEPRECATED[name]
+        warnings.warn(f"zpm2.{name} is now called zpm2.{now}", DeprecationWarning, stacklevel=2)
+        name = now
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     if not name.startswith("_"):

@@ -4,15 +4,19 @@ Commands and the other rooms of the package match pairs through this module only
 option.
 """
 
+import dataclasses
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
+from zpm2 import baselines, estimate, memory
 from zpm2 import config as configuration
-from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.errors import ConfigError
 from zpm2.features import PointMatcher
+from zpm2.files.listing import json_file
+from zpm2.files.places import exchanged, is_content
+from zpm2.model import SIDES
 from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
@@ -21,15 +25,19 @@ from zpm2.segment.protocol import Segmenter
 from zpm2.tiled.run import TiledRun
 from zpm2.tiled.whole import in_tiles, match_whole, min_areas
 
-METHODS = ("zpm2", "shape-context", "idsc")
+PRECOMPUTED = "precomputed"  # the segmenter's name where regions are given
+SEGMENTERS = (*configuration.choices("segment.model"), PRECOMPUTED)
+METHODS = ("zpm2", *baselines.METHODS)
+
+PairFunction = Callable[[ImageLike, ImageLike], MatchResult]
 
 
 class Matcher:
     """Finds and matches the polygons of pairs of any size. Arguments are those of `PairMatcher`.
 
-    Files are read by windows where that pays (`photos.source.open_source`), georeferences are kept. By `tiles.mode` a
-    pair is matched as a whole, or in tiles. `kept` is a folder for finished tiles: a run that was interrupted goes on
-    from there, if photographs, configuration and version are the same, and `say` is told how many tiles it took.
+    Files are read by windows where that pays (`photos.source.open_source`); georeferences are kept. `tiles.mode`
+    decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles: an interrupted run goes
+    on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took.
     """
 
     def __init__(
@@ -64,8 +72,8 @@ class Matcher:
             return run.result().with_gis_messages()
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:
-        """Whether a pair goes by tiles, and the warning that only the budget of memory makes it. `InputError` where it
-        does not fit into that."""
+        """Whether a pair is matched in tiles, and a warning where only the memory budget demands it. `InputError` where
+        the pair does not fit into the budget either way."""
         config, given = self.config, self._segmenter_given
         sizes = [(source.width, source.height) for source in sources]
         tiles, said = in_tiles(sources, config), []
@@ -106,34 +114,37 @@ def match(
     device: str | None = None,
     seed: int | None = None,
     max_memory: str | None = None,
+    kept: str | Path | None = None,
+    progress: Progress = lambda stage, share: None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> MatchResult:
     """Match the polygons of one pair of photographs of any size. For many pairs, keep a `Matcher`.
 
-    The options are those of `zpm2 match`. `config` is a whole configuration, or the name of a preset, in the place of
-    `preset`; the other options are laid over it. `ConfigError` for a value that does not exist, else as `Matcher`.
+    The options are those of `zpm2 match`. `config` is a whole configuration or the name of a preset, and takes the
+    place of `preset`; the other options are laid over it. `kept`, `progress` and `say` are those of `Matcher`.
+    `ConfigError` for a value that does not exist; other errors as from `Matcher`.
     """
-    chosen = configuration.preset(preset) if config is None else config
-    chosen = configuration.preset(chosen) if isinstance(chosen, str) else chosen
-    options: dict[str, Any] = {
-        "segmenter": None if segmenter == "precomputed" else segmenter,
-        "quality": quality,
-        "points": points,
-        "tiles": tiles,
-        "bands": bands,
-        "gsd": gsd,
-        "min_area_m2": min_area_m2,
-        "device": device,
-        "seed": seed,
-        "max_memory": max_memory,
-    }
-    chosen = configuration.with_options(chosen, options)
+    check_method(method)
+    if segmenter is not None:
+        _one_of("segmenter", segmenter, SEGMENTERS)
+    base = preset if config is None else config
+    chosen = configuration.with_options(
+        configuration.preset(base) if isinstance(base, str) else base,
+        {
+            "segmenter": None if segmenter == PRECOMPUTED else segmenter,
+            "quality": quality,
+            "points": points,
+            "tiles": tiles,
+            "bands": bands,
+            "gsd": gsd,
+            "min_area_m2": min_area_m2,
+            "device": device,
+            "seed": seed,
+            "max_memory": max_memory,
+        },
+    )
     own = own_regions(segmenter, left_regions, right_regions, chosen)
-    result = open_method(method, chosen, segmenter=own)(left, right)
-    return finished(result, non_overlapping, outlines)
-
-
-def finished(result: MatchResult, non_overlapping: bool, outlines: bool) -> MatchResult:
-    """A result as it was asked for: without overlaps, with homologous outlines."""
+    result = open_method(method, chosen, segmenter=own, kept=kept, progress=progress, say=say)(left, right)
     result = result.flatten() if non_overlapping else result
     return result.with_outlines() if outlines else result
 
@@ -141,11 +152,11 @@ def finished(result: MatchResult, non_overlapping: bool, outlines: bool) -> Matc
 def own_regions(
     segmenter: str | None, left: str | Path | None, right: str | Path | None, config: Config
 ) -> tuple[Segmenter, Segmenter] | None:
-    """What gives the regions of two files, where these are named; `ConfigError` where only one is, or another segmenter
-    beside them."""
-    if segmenter != "precomputed" and left is None and right is None:
+    """The segmenters that read the regions of two files; None where no file is named. `ConfigError` where only one is,
+    or another segmenter is named too."""
+    if segmenter != PRECOMPUTED and left is None and right is None:
         return None
-    if segmenter not in (None, "precomputed") or left is None or right is None:
+    if segmenter not in (None, PRECOMPUTED) or left is None or right is None:
         raise ConfigError("own regions need all of: --segmenter precomputed --left-regions FILE --right-regions FILE")
     from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -155,16 +166,55 @@ def own_regions(
 
 def check_method(name: str) -> None:
     """`ConfigError` for a name that is not in `METHODS`."""
-    if name not in METHODS:
-        raise ConfigError(f"unknown method '{name}'; methods are: {', '.join(METHODS)}")
+    _one_of("method", name, METHODS)
 
 
-def open_method(name: str, config: Config, **options: Any) -> Callable[[Any, Any], MatchResult]:
-    """What matches a pair by that method. `options` are those that `Matcher` and `BaselineMatcher` share:
-    segmenter, progress, say; the former takes `kept` as well."""
+def open_method(
+    name: str,
+    config: Config,
+    *,
+    segmenter: Segmenter | tuple[Segmenter, Segmenter] | None = None,
+    kept: str | Path | None = None,
+    progress: Progress = lambda stage, share: None,
+    say: Callable[[str], None] = lambda text: None,
+) -> PairFunction:
+    """The method of that name (`METHODS`) as a function of two photographs. Arguments are those of `Matcher`; a
+    baseline knows no tiles and needs no `kept`. `ConfigError` for an unknown name."""
     check_method(name)
     if name == "zpm2":
-        return Matcher(config, **options)
-    from zpm2.baselines import BaselineMatcher
+        return Matcher(config, segmenter=segmenter, progress=progress, say=say, kept=kept)
+    return baselines.BaselineMatcher(name, config, segmenter=segmenter, progress=progress, say=say)
 
-    return BaselineMatcher(name, config, **options)
+
+def saved_matches(
+    folder: str | Path, photographs: Sequence[str | Path], sizes: Sequence[tuple[int, int]]
+) -> MatchResult:
+    """The matches that `MatchResult.save` wrote into `folder`, for two photographs of `sizes` (width, height) px.
+
+    `ConfigError` where the matches are of photographs of another size, or of these in the other order. A file of the
+    right size with other content may be the same photograph, better exposed for instance: the result gets a warning.
+    """
+    matched = MatchResult.load(folder)
+    document = json_file(Path(folder) / "matches.json" if os.path.isdir(folder) else Path(folder))
+    noted = [document[name] for name in SIDES]
+    if exchanged(noted, photographs):
+        raise ConfigError(f"--matches {folder} is of these images the other way round: exchange them")
+    warnings = list(matched.warnings)
+    for k, (name, side) in enumerate(zip(SIDES, (matched.left, matched.right), strict=True)):
+        size, path = sizes[k], photographs[k]
+        if (side.width, side.height) != size:
+            raise ConfigError(
+                f"--matches {folder} is of a {name} image of {side.width} x {side.height} px, this one has "
+                f"{size[0]} x {size[1]} px: give the images that were matched"
+            )
+        if not is_content(noted[k], path):
+            warnings.append(
+                f"{path} is not the file that was matched in {folder}, it only has the same size: where it shows "
+                "anything else, the result is wrong"
+            )
+    return dataclasses.replace(matched, warnings=warnings)
+
+
+def _one_of(what: str, name: str, names: Sequence[str]) -> None:
+    if name not in names:
+        raise ConfigError(f"unknown {what} '{name}'; {what}s are: {', '.join(names)}")

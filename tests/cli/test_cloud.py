@@ -9,9 +9,9 @@ import pytest
 from rendered import Pair, Run
 from scipy.spatial.transform import Rotation
 
-from zpm2.cli.cloud import _asked
 from zpm2.cloud.disparity_mesh import disparity_mesh
 from zpm2.cloud.export import write_surface
+from zpm2.cloud.run import matching_part
 from zpm2.config import CloudConfig, assign, preset
 from zpm2.files.keys import key
 from zpm2.files.record import keep, made_folder
@@ -134,7 +134,7 @@ def with_matches(matches: Path, workspace: Path, out: Path) -> None:
     folder = made_folder(made_folder(claim(out, []) / "pairs") / "left-right")
     shutil.copy(matches / "matches.json", folder)
     photographs = [workspace / "images" / f"{side}.png" for side in ("left", "right")]
-    keep(folder, key(photographs, _asked(assign(preset("default"), SIFT_SETTINGS).to_dict())))
+    keep(folder, key(photographs, matching_part(assign(preset("default"), SIFT_SETTINGS))))
 
 
 def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_path: Path) -> None:

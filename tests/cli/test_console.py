@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from zpm2.cli.console import Interrupted, fresh_folder, lines, one_of
+from zpm2.cli.console import Interrupted, fresh_folder, lines
 from zpm2.files.record import made_folder
 from zpm2.files.writing import atomic_write
 
@@ -73,10 +73,3 @@ def test_a_short_run_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with lines() as progress:
         progress("points", 0.5)
     assert capsys.readouterr().err == ""
-
-
-def test_the_last_of_a_list_is_completed() -> None:
-    complete = one_of(lambda: ("sift", "xfeat"))
-    assert complete("") == ["sift", "xfeat"]
-    assert complete("x") == ["xfeat"]
-    assert complete("sift,") == ["sift,sift", "sift,xfeat"]

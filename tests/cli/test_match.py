@@ -371,7 +371,7 @@ def test_the_output_folder_has_a_usual_name(
 
 def test_commands_come_in_the_order_of_use(run: Run) -> None:
     listed = run("--help").out.partition("Commands:")[2]
-    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == list(app.ORDER)
+    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == list(app.COMMANDS)
 
 
 def test_options_come_in_groups(run: Run) -> None:

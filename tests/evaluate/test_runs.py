@@ -269,7 +269,7 @@ def test_a_pair_without_a_predicted_pose_has_that_of_its_points(pair: Pair, pose
 
 
 def test_scannet1500_prints_the_published_rows(pair: Pair, posed: Path, run: Run, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("zpm2.cli.eval._matcher", lambda *_: Counting(pair))
+    monkeypatch.setattr("zpm2.evaluate.run._matcher", lambda *_: Counting(pair))
     options = ["--preset", "paper", "--set", "pose.crops=off", "--set", "device=cpu"]
     code, text, err = run("eval", "scannet1500", "--root", posed, "-o", tmp_path / "out", *options)
     assert code == 0, err

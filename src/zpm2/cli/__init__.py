@@ -1,4 +1,4 @@
-"""The command line: one file a command, which parses and calls the package."""
+"""The command line: one file a command, which parses, calls the package and prints."""
 
 from zpm2.cli.app import main
 

@@ -6,17 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
-from zpm2.cli.console import Command, ConfigFile, Preset, Settings, configure
+from zpm2.cli.options import Command, ConfigFile, Preset, Settings, configure
 
-app = typer.Typer(help="See what can be set (--set, --config), and to what.", no_args_is_help=True)
+app = typer.Typer(help="See what can be set with --set and --config, and the values.", no_args_is_help=True)
 
 
 @app.command("list", cls=Command)
 def list_(
     preset: Preset = "default",
-    as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Every field with its type, its value in the preset, its unit and meaning. For --set and --config."""
+    """List every field with its type, its value in the preset, its unit and meaning."""
     from zpm2 import config
 
     rows = list(config.describe(config.preset(preset)))
@@ -35,10 +35,10 @@ def show(
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON, which --config reads too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, which --config reads too.")] = False,
 ) -> None:
-    """The whole configuration as TOML, to be changed and given to --config."""
-    values = configure(preset, config_file, settings, {}).to_dict()
+    """Print the whole configuration as TOML, to change and to give to --config."""
+    values = configure(preset, config_file, settings).to_dict()
     if as_json:
         print(json.dumps(values, indent=1))
         return

@@ -1,11 +1,13 @@
-"""What this installation is and has."""
+"""`zpm2 doctor`: what this installation is and has."""
 
+import json
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from zpm2 import weights
+from zpm2.cli.options import AsJson, WeightsDir, use_weights
 from zpm2.runtime import package_version
 
 PACKAGES = (
@@ -14,8 +16,21 @@ PACKAGES = (
 )
 
 
+def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
+    """Versions, devices, cache and weights: what to send along with a question."""
+    use_weights(weights_dir)
+    findings = examine()
+    if as_json:
+        print(json.dumps(findings, indent=1))
+        return
+    for section, values in findings.items():
+        print(section)
+        for name, value in values.items():
+            print(f"  {name:<24} {value}")
+
+
 def examine() -> dict[str, dict[str, Any]]:
-    """Versions, devices, cache and weights, as printed by `zpm2 doctor`."""
+    """Versions, devices, cache and weights."""
     return {"versions": _versions(), "devices": _devices(), "weights": _weights()}
 
 

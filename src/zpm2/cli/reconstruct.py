@@ -1,14 +1,13 @@
 """`zpm2 reconstruct`: a workspace for `zpm2 cloud` from photographs."""
 
 import json
-import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from zpm2.cli.console import (
+from zpm2.cli.console import bars, fresh_folder, warn
+from zpm2.cli.options import (
     AllowVrt,
     AsJson,
     ConfigFile,
@@ -18,11 +17,8 @@ from zpm2.cli.console import (
     Quiet,
     Settings,
     allow_vrt,
-    bars,
     configure,
-    fresh_folder,
 )
-from zpm2.errors import ConfigError
 
 
 def reconstruct(
@@ -44,7 +40,7 @@ def reconstruct(
     ] = None,
     sequence: Annotated[
         bool,
-        typer.Option("--sequence", help="The photographs are a sequence: each is matched with the next ones."),
+        typer.Option("--sequence", help="The photographs are a sequence: match each with the next ones only."),
     ] = False,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -59,38 +55,22 @@ def reconstruct(
     Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
     pycolmap: pip install "zpm2[colmap,cloud]".
     """
-    config = configure(preset, config_file, settings, {"max_memory": max_memory})
-    given = {"max_size": max_size, "neighbors": neighbors, "ordered": sequence or None}
-    given = {name: value for name, value in given.items() if value is not None}
-    config = config.from_dict({"reconstruct": given}, config)
-    allow_vrt(allowed)
-    from zpm2.cloud.workspace import read_views
-    from zpm2.files.listing import distinct_names
-    from zpm2.photos.images import read_image
-    from zpm2.photos.listing import some_photographs
-    from zpm2.reconstruct import claimed_names
+    from zpm2.reconstruct import claimed_names, read_inputs
     from zpm2.reconstruct import reconstruct as run
 
-    known, odd = None, list[str]()
-    if cameras is not None:
-        if len(images) != 1 or not os.path.isdir(images[0]):
-            raise ConfigError("--cameras needs one folder of photographs")
-        views = read_views(images[0], images[0], cameras, odd)
-        paths = [view.path for view in views]
-        known = {name: view.camera for name, view in zip(distinct_names(paths), views, strict=True)}
-    else:
-        paths = some_photographs(images[0]) if len(images) == 1 and not os.path.isfile(images[0]) else images
-    for path in paths:
-        read_image(path)  # one line for what cannot be read, before anything is written
-    folder = fresh_folder(out, *paths, names=claimed_names(out, paths), kept=".")
+    config = configure(preset, config_file, settings, max_memory=max_memory)
+    given = {"max_size": max_size, "neighbors": neighbors, "ordered": sequence or None}
+    config = config.from_dict({"reconstruct": {name: v for name, v in given.items() if v is not None}}, config)
+    allow_vrt(allowed)
+    inputs = read_inputs(images, cameras)
+    folder = fresh_folder(out, *inputs.photographs, names=claimed_names(out, inputs.photographs), kept=".")
     with folder, bars(quiet or as_json) as (progress, _):
-        made = run(paths, out, config, known, progress)
-    notes = [*odd, *made.notes]
-    for note in notes:
-        print(f"warning: {note}", file=sys.stderr)
+        made = run(inputs.photographs, out, config, inputs.cameras, progress)
+    warnings = [*inputs.warnings, *made.notes]
+    warn(warnings)
     if as_json:
-        kept = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
-        print(json.dumps(kept | {"warnings": notes, "out": str(out)}))
+        counts = {"registered": made.registered, "photographs": made.photographs, "points": made.points}
+        print(json.dumps(counts | {"warnings": warnings, "out": str(out)}))
     elif not quiet:
         print(f"{made.registered} of {made.photographs} photographs oriented, {made.points} points on the surface")
         print(f"Written: {out / 'mesh.ply'}, sparse/0, dense, images; next: zpm2 cloud {out} -o OUT")

@@ -4,31 +4,27 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from zpm2 import weights
-from zpm2.cli.console import lines, one_of
+from zpm2.cli.console import lines
+from zpm2.cli.options import WeightsDir, one_of
 from zpm2.errors import WeightsError
 from zpm2.weights.store import find
 
 app = typer.Typer(help="See, fetch and check the pre-trained weights.", no_args_is_help=True)
 
 NAMES = one_of(lambda: [item.name for item in weights.MANIFEST])
-Directory = Annotated[
-    Path | None,
-    typer.Option("--weights-dir", help="A folder of your own copies, looked into first (else ZPM2_WEIGHTS)."),
-]
 
 
 @app.command("list")
 def list_(
-    weights_dir: Directory = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Everything the manifest says, as JSON.")] = False,
+    weights_dir: WeightsDir = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the whole manifest as JSON.")] = False,
 ) -> None:
-    """What there is, under which licence, and where it lies on this machine."""
+    """List the weights with their licences, and where they are on this machine."""
     rows = weights.status(weights_dir)
     if as_json:
         fields = ("name", "file", "size", "sha256", "licence", "commercial_use", "terms", "purpose", "home")
@@ -58,12 +54,12 @@ def get(
     names: Annotated[
         list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or: all.", autocompletion=NAMES)
     ],
-    weights_dir: Directory = None,
+    weights_dir: WeightsDir = None,
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="Accept the licence of weights that forbid commercial use.")
     ] = False,
 ) -> None:
-    """Fetch weights into the cache. `all` leaves out those whose licence must be accepted, unless it is."""
+    """Fetch weights into the cache. `all` leaves out those whose licence you must accept first."""
     if "all" in names:
         names = [item.name for item in weights.MANIFEST if item.commercial_use or accept_licence]
     for item in map(weights.entry, names):
@@ -82,9 +78,9 @@ def verify(
     name: Annotated[
         str | None, typer.Argument(help="One name; without it, all that are here.", autocompletion=NAMES)
     ] = None,
-    weights_dir: Directory = None,
+    weights_dir: WeightsDir = None,
 ) -> None:
-    """Hash the files that are here anew and compare them with the manifest."""
+    """Hash the files that are here again, and compare them with the manifest."""
     if name:
         print(f"{name}: {weights.verify(name, directory=weights_dir)} is right")
         return
@@ -99,14 +95,14 @@ def verify(
 @app.command()
 def path(
     name: Annotated[str, typer.Argument(help="A name as `list` prints it.", autocompletion=NAMES)],
-    weights_dir: Directory = None,
+    weights_dir: WeightsDir = None,
 ) -> None:
-    """Print where the verified file lies. Nothing is fetched."""
+    """Print where the verified file is. Nothing is fetched."""
     print(weights.locate(name, directory=weights_dir))
 
 
 def _each(names: list[str], action: Callable[[str], str]) -> None:
-    """Print what `action` says of each name. Of several names, one that fails does not stop the others."""
+    """Print what `action` returns for each name. Of several names, one that fails does not stop the others."""
     failed: list[str] = []
     for name in names:
         try:

@@ -7,6 +7,7 @@ from zpm2.cloud.neighbors import neighbor_pairs
 from zpm2.cloud.patch import Cutter, SurfacePatch
 from zpm2.cloud.rays import Hits, RayCaster, open_caster
 from zpm2.cloud.result import CloudPatch, PolygonCloud
+from zpm2.cloud.run import DisparityFile, from_stereo, from_workspace, read_rig
 from zpm2.cloud.save import save
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.surface_path import SurfacePaths, trace_paths
@@ -16,6 +17,7 @@ from zpm2.cloud.workspace import PosedPhotograph, read_views
 __all__ = [
     "CloudPatch",
     "Cutter",
+    "DisparityFile",
     "Hits",
     "Lifted",
     "MatchedPair",
@@ -28,9 +30,12 @@ __all__ = [
     "SurfaceView",
     "build",
     "fill_holes",
+    "from_stereo",
+    "from_workspace",
     "lift",
     "neighbor_pairs",
     "open_caster",
+    "read_rig",
     "read_views",
     "save",
     "trace_paths",

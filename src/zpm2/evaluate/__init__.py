@@ -12,6 +12,7 @@ from zpm2.evaluate.pairs import (
     Truth,
 )
 from zpm2.evaluate.pose_error import pose_auc, pose_error
+from zpm2.evaluate.run import Evaluation
 
 __all__ = [
     "CoVisible",
@@ -19,6 +20,7 @@ __all__ = [
     "DepthTruth",
     "DisparityTruth",
     "EvalPair",
+    "Evaluation",
     "HomographyTruth",
     "Overlap",
     "PoseTruth",

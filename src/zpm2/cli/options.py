@@ -1,0 +1,266 @@
+"""What the commands share: their options, the help and completion of these, and the configuration they make."""
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from zpm2 import memory
+from zpm2.errors import ConfigError
+
+if TYPE_CHECKING:
+    from zpm2.config import Config
+
+# groups of options in the help
+RESULT = "Results"
+METHOD = "Method"
+REGIONS = "Your own regions"
+CAMERAS = "Cameras"
+LARGE = "Large and georeferenced photographs"
+RUN = "Run"
+
+
+class Command(TyperCommand):
+    """A command that lists its options in groups, and whose memory budget ends with it."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does."""
+        with memory.within(memory.AUTO):
+            return super().invoke(ctx)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Arguments, then each group in the order of its first option."""
+        groups: dict[str, list[Any]] = {}
+        for item in self.get_params(ctx):
+            record = item.get_help_record(ctx)
+            if record is not None:
+                usual = "Arguments" if item.param_type_name == "argument" else "Options"
+                groups.setdefault(getattr(item, "rich_help_panel", None) or usual, []).append(record)
+        for title, records in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+# Completion. What there is to choose from is looked up in the package's own registries, when the shell asks.
+
+
+def one_of(values: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Completes one of some values; of a list, what follows its last comma."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + value for value in values() if value.startswith(last)]
+
+    return complete
+
+
+def choices(key: str) -> Callable[[], Iterable[str]]:
+    """The values of a field of the configuration."""
+
+    def values() -> Iterable[str]:
+        from zpm2 import config
+
+        return config.choices(key)
+
+    return values
+
+
+def presets() -> Iterable[str]:
+    """The names of the presets."""
+    from zpm2 import config
+
+    return config.PRESETS
+
+
+def methods() -> Iterable[str]:
+    """The names of whole methods."""
+    from zpm2.api import METHODS
+
+    return METHODS
+
+
+def segmenters() -> Iterable[str]:
+    """The names of the segmenters."""
+    from zpm2.api import SEGMENTERS
+
+    return SEGMENTERS
+
+
+def point_matchers() -> Iterable[str]:
+    """The names of the point matchers."""
+    from zpm2.features import METHODS
+
+    return METHODS
+
+
+def known_formats() -> Iterable[str]:
+    """The names of the further output formats of a match."""
+    from zpm2.formats import registry
+
+    return registry.names()
+
+
+def check_formats(names: Iterable[str]) -> None:
+    """`ConfigError` for a name that is not in `known_formats`, `MissingDependency` for a format without its library."""
+    from zpm2.formats import registry
+
+    registry.chosen(list(names))
+
+
+def datasets() -> Iterable[str]:
+    """The names of the data sets."""
+    from zpm2.evaluate.datasets import DATASETS
+
+    return DATASETS
+
+
+def devices() -> Iterable[str]:
+    """The names of the devices."""
+    return ("auto", "cpu", "cuda")
+
+
+def settings_of(incomplete: str) -> list[str]:
+    """Completes stage.field=value."""
+    from zpm2 import config
+
+    key, equals, _ = incomplete.partition("=")
+    found = [name for name, *_ in config.describe(config.Config()) if name.startswith(key)]
+    if not equals:
+        return [f"{name}=" for name in found]
+    return [text for text in (f"{key}={value}" for value in config.choices(key)) if text.startswith(incomplete)]
+
+
+# Checks of numbers that are no fields of the configuration.
+
+
+def positive(what: str) -> Callable[[typer.CallbackParam, float | None], float | None]:
+    """Refuses a number that is not finite and above 0."""
+
+    def check(param: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not 0 < value < float("inf"):
+            raise ConfigError(f"{param.opts[0]} {value}: give a {what} above 0")
+        return value
+
+    return check
+
+
+def within(low: int, high: int, unit: str = "") -> Callable[[typer.CallbackParam, int], int]:
+    """Refuses a number outside of a range."""
+
+    def check(param: typer.CallbackParam, value: int) -> int:
+        if not low <= value <= high:
+            raise ConfigError(f"{param.opts[0]} {value}: give at least {low}{unit}, and at most {high:,}")
+        return value
+
+    return check
+
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", rich_help_panel=RESULT)]
+NonOverlapping = Annotated[
+    bool,
+    typer.Option("--non-overlapping", help="Give each pixel to one match at most.", rich_help_panel=RESULT),
+]
+Preset = Annotated[
+    str,
+    typer.Option(
+        help="paper: the published method and numbers. default: the best we know.",
+        rich_help_panel=METHOD,
+        autocompletion=one_of(presets),
+    ),
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        help="zpm2, or a classical baseline: shape-context, idsc.",
+        rich_help_panel=METHOD,
+        autocompletion=one_of(methods),
+    ),
+]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.", rich_help_panel=METHOD)
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="STAGE.FIELD=VALUE",
+        help="Any field of the configuration, see zpm2 config list. Repeatable.",
+        rich_help_panel=METHOD,
+        autocompletion=settings_of,
+    ),
+]
+Bands = Annotated[
+    str | None,
+    typer.Option(
+        help="One band or three (red,green,blue), counted from 1.  [default: as the file says]", rich_help_panel=LARGE
+    ),
+]
+AllowVrt = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--allow-vrt",
+        metavar="FOLDER",
+        help="Let VRT files have sources below this folder, not only beside themselves. Repeatable.",
+        rich_help_panel=LARGE,
+    ),
+]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        help="auto, cpu or cuda.  [default: auto]",
+        rich_help_panel=RUN,
+        autocompletion=one_of(devices),
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN),
+]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIZE",
+        help="Use at most this much memory (8GB, 512MB); a pair that needs more is matched in tiles, or refused.  "
+        "[default: 80% of what is free]",
+        rich_help_panel=RUN,
+    ),
+]
+WeightsDir = Annotated[
+    Path | None,
+    typer.Option(help="A folder of your own copies of the weights, searched first.", rich_help_panel=RUN),
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.", rich_help_panel=RUN)
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.", rich_help_panel=RUN)]
+
+
+def configure(preset: str, file: Path | None = None, settings: list[str] | None = None, **options: Any) -> "Config":
+    """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that are not None. Its
+    memory budget holds for the rest of the command."""
+    from zpm2 import config
+
+    chosen = config.preset(preset)
+    if file is not None:
+        chosen = config.load(file, chosen)
+    chosen = config.with_options(config.assign(chosen, settings or []), options)
+    memory.limit(chosen.max_memory)
+    return chosen
+
+
+def use_weights(directory: Path | None) -> None:
+    """Look for weights in a folder of the user's first."""
+    if directory is not None:
+        if not directory.is_dir():
+            raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
+        os.environ["ZPM2_WEIGHTS"] = str(directory)
+
+
+def allow_vrt(folders: list[Path] | None) -> None:
+    """Let VRT files have sources below some folders of the user's."""
+    from zpm2.photos import vrt
+
+    vrt.allow(folders or [])

@@ -1,0 +1,268 @@
+"""A polygon cloud by one call: from a workspace, or from a rectified pair alone."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zpm2 import api
+from zpm2 import config as configuration
+from zpm2.cloud.build import MatchedPair, build
+from zpm2.cloud.disparity_mesh import disparity_mesh
+from zpm2.cloud.holes import fill_holes
+from zpm2.cloud.neighbors import neighbor_pairs
+from zpm2.cloud.rays import RayCaster, open_caster
+from zpm2.cloud.result import PolygonCloud
+from zpm2.cloud.surface import SurfaceMesh
+from zpm2.cloud.workspace import PosedPhotograph, find_mesh, read_views
+from zpm2.config import Config
+from zpm2.errors import ConfigError, Failed, InputError
+from zpm2.files.keys import key
+from zpm2.files.record import keep, kept, made_folder
+from zpm2.files.writing import claim
+from zpm2.formats.maps import read_disparity
+from zpm2.model.messages import about
+from zpm2.photos.images import read_image
+from zpm2.photos.listing import image_size
+from zpm2.result import MatchResult
+from zpm2.runtime import Progress
+from zpm2.stereo import dense
+from zpm2.stereo.calibration import read_calibration
+from zpm2.stereo.camera_check import checked, doubts, fitting_size
+from zpm2.stereo.intrinsics import read_camera
+from zpm2.stereo.rig import Rig, rig_of
+
+AFTER_MATCHING = (
+    "cloud",
+    "pose",
+    "stereo",
+    "reconstruct",
+    "device",
+    "max_memory",
+)  # stages of a configuration that do not change matches
+
+Place = str | Path
+
+
+@dataclass(frozen=True)
+class DisparityFile:
+    """A disparity map of the left image: .pfm, .png or .npy. `ConfigError` for a scale or sign that it cannot have."""
+
+    file: Place
+    scale: float = 1.0  # what its values are divided by
+    sign: int = 1  # -1 where the file stores -d
+
+    def __post_init__(self) -> None:
+        if not 0 < self.scale < float("inf"):
+            raise ConfigError(f"scale {self.scale} of {self.file}: give a number above 0")
+        if self.sign not in (1, -1):
+            raise ConfigError(f"sign {self.sign} of {self.file}: give 1, or -1 where the file stores -d")
+
+
+def from_workspace(
+    folder: Place,
+    config: Config | str = "default",
+    *,
+    mesh: Place | None = None,
+    images: Place | None = None,
+    cameras: Place | None = None,
+    non_overlapping: bool = False,
+    kept: Place | None = None,
+    progress: Progress = lambda stage, share: None,
+    say: Callable[[str], None] = lambda text: None,
+) -> PolygonCloud:
+    """Match the photographs of a workspace with their neighbours, and lift the matched polygons onto its mesh.
+
+        cloud = zpm2.cloud.from_workspace("ws")
+        zpm2.cloud.save(cloud, "out")
+
+    mesh, images, cameras: where these are, if they are not found in the workspace (`cloud.workspace`).
+    non_overlapping: make regions exclude each other before they are lifted. kept: a folder for the matches of each
+    pair; they are taken from there where photographs, configuration and code are the same. `say` is told once how
+    slowly rays are cast, if they are. `InputError` for a workspace that lacks something, `MissingDependency` without
+    trimesh, and the errors of `Matcher`.
+    """
+    pairs = _Pairs(_whole(config), non_overlapping, _path(kept), progress, say)
+    place, odd = Path(folder), list[str]()
+    views = read_views(place, _path(images), _path(cameras), odd)
+    progress("mesh", 0.0)
+    surface = fill_holes(SurfaceMesh.read(_path(mesh) or find_mesh(place)), pairs.config.cloud)
+    progress("mesh", 1.0)
+    caster = _caster(surface, say)
+    chosen = neighbor_pairs([view.camera for view in views], surface, caster, pairs.config.cloud)
+    matched = []
+    for k, (i, j) in enumerate(chosen):
+        progress("pairs", k / len(chosen))
+        matched.append(MatchedPair(i, j, pairs.match(views[i], views[j])))
+    progress("pairs", 1.0)
+    return _built(views, matched, surface, caster, pairs, odd)
+
+
+def from_stereo(
+    left: Place,
+    right: Place,
+    rig: Rig,
+    config: Config | str = "default",
+    *,
+    disparity: DisparityFile | Place | None = None,
+    matches: Place | None = None,
+    non_overlapping: bool = False,
+    kept: Place | None = None,
+    progress: Progress = lambda stage, share: None,
+    say: Callable[[str], None] = lambda text: None,
+) -> PolygonCloud:
+    """Lift the matched polygons of a rectified pair onto the surface that its disparities give.
+
+        rig = zpm2.cloud.read_rig("left.png", "right.png", k="300,300,200,120", baseline=0.2)
+        cloud = zpm2.cloud.from_stereo("left.png", "right.png", rig)
+
+    The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image, None
+    for semi-global matching. matches: a folder of `MatchResult.save`, None to match the pair. Other arguments and
+    errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched points.
+    """
+    pairs = _Pairs(_whole(config), non_overlapping, _path(kept), progress, say)
+    photographs = [Path(left), Path(right)]
+    names, raster = ("left", "right"), pairs.config.raster
+    images = [read_image(path, f"{name} image", raster) for path, name in zip(photographs, names, strict=True)]
+    sizes = [(image.width, image.height) for image in images]
+    odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
+    given = None
+    if disparity is not None:
+        map_ = disparity if isinstance(disparity, DisparityFile) else DisparityFile(disparity)
+        given = read_disparity(Path(map_.file), sizes[0], map_.scale, map_.sign)
+    views = [PosedPhotograph(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
+    if matches is None:
+        result = pairs.match(views[0], views[1])
+    else:
+        result = pairs.finished(api.saved_matches(matches, photographs, sizes))
+    points = result.points
+    progress("mesh", 0.0)
+    if given is None:
+        bounds = dense.disparity_range(points.left[:, 0] - points.right[:, 0], images[0].width, pairs.config.stereo)
+        if isinstance(bounds, Failed):
+            raise InputError(f"no surface from this pair: {bounds}; give --disparity")
+        given = dense.semi_global(images[0], images[1], *bounds, pairs.config.stereo)
+    else:
+        dense.refuse_other_disparity(given, points.left, points.right)
+    surface = fill_holes(disparity_mesh(given, rig, pairs.config.cloud), pairs.config.cloud)
+    progress("mesh", 1.0)
+    return _built(views, [MatchedPair(0, 1, result)], surface, _caster(surface, say), pairs, odd)
+
+
+def read_rig(
+    left: Place,
+    right: Place,
+    *,
+    calibration: Place | None = None,
+    k: str | None = None,
+    k2: str | None = None,
+    baseline: float | None = None,
+) -> Rig:
+    """The rig of a rectified pair: from a calibration file of Middlebury or KITTI, or from K and baseline.
+
+    k, k2: the left and the right camera as `--K` of `zpm2 pose` takes them; one for both where `k2` is None. baseline:
+    the distance of the cameras, in the unit that the cloud shall have. `ConfigError` where the cameras are not told,
+    or told twice; `InputError` where they do not fit the photographs or each other.
+    """
+    photographs = Path(left), Path(right)
+    if calibration is not None:
+        if any(value is not None for value in (k, k2, baseline)):
+            raise ConfigError("--calib holds the cameras and the baseline: leave --K, --K2 and --baseline out")
+        rig = read_calibration(Path(calibration), image_size(photographs[0]))
+        for name, camera, path in zip(("left", "right"), (rig.left, rig.right), photographs, strict=True):
+            what = f"the {name} camera of {calibration}"
+            checked(fitting_size(camera, image_size(path), what, str(path)), what, str(path))
+        return rig
+    if k is None or baseline is None:
+        raise ConfigError("--stereo needs the cameras: give --calib, or --K and --baseline")
+    cameras = [
+        read_camera(text, path, image_size(path), name=name)
+        for text, path, name in zip((k, k2 or k), photographs, ("K", "K2"), strict=True)
+    ]
+    return rig_of(cameras[0], cameras[1], baseline)
+
+
+def matching_part(config: Config) -> Mapping[str, Any]:
+    """The part of a configuration that matches depend on."""
+    return {name: value for name, value in config.to_dict().items() if name not in AFTER_MATCHING}
+
+
+class _Pairs:
+    """Matches pairs of views. Where a folder is given, the matches are kept there and taken from there."""
+
+    def __init__(
+        self,
+        config: Config,
+        non_overlapping: bool,
+        folder: Path | None,
+        progress: Progress,
+        say: Callable[[str], None],
+    ) -> None:
+        self.config, self.non_overlapping, self.folder = config, non_overlapping, folder
+        self.progress, self.say = progress, say
+        self._matcher: api.Matcher | None = None
+
+    def match(self, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
+        """The matches of two views, without the pixels of the photographs."""
+        return self.finished(
+            _without_pixels(self._match(left, right)) if self.folder is None else self._kept(self.folder, left, right)
+        )
+
+    def finished(self, result: MatchResult) -> MatchResult:
+        """The result as it is lifted."""
+        return result.flatten() if self.non_overlapping else result
+
+    def _kept(self, home: Path, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
+        name = "-".join(str(Path(view.name).with_suffix("")).replace("/", "_") for view in (left, right))
+        folder, made_from = home / name, key([left.path, right.path], matching_part(self.config))
+        if kept(folder) != made_from or not (folder / "matches.json").exists():
+            result = self._match(left, right)
+            claim(made_folder(home), [])
+            result.save(made_folder(folder))
+            keep(folder, made_from)
+        return MatchResult.load(folder)
+
+    def _match(self, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
+        if self._matcher is None:
+            self._matcher = api.Matcher(self.config, progress=self.progress, say=self.say)
+        return self._matcher(left.path, right.path)
+
+
+def _without_pixels(result: MatchResult) -> MatchResult:
+    left, right = (dataclasses.replace(side, image=None) for side in (result.left, result.right))
+    return dataclasses.replace(result, left=left, right=right)
+
+
+def _built(
+    views: Sequence[PosedPhotograph],
+    matched: Sequence[MatchedPair],
+    surface: SurfaceMesh,
+    caster: RayCaster,
+    pairs: _Pairs,
+    odd: Sequence[str],
+) -> PolygonCloud:
+    """The cloud, with what is `odd` about the cameras and the messages of the matches among its own."""
+    made = build(views, matched, surface, caster, pairs.config.cloud, pairs.progress)
+    warnings, notes = [*odd, *made.warnings], list(made.notes)
+    for pair in matched:
+        names = f"{views[pair.left].name}, {views[pair.right].name}"
+        warnings += about(names, pair.result.warnings)
+        notes += about(names, pair.result.notes)
+    return dataclasses.replace(made, config=pairs.config.to_dict(), warnings=warnings, notes=notes)
+
+
+def _caster(surface: SurfaceMesh, say: Callable[[str], None]) -> RayCaster:
+    """Of a surface; a slow one is announced before the wait begins."""
+    caster = open_caster(surface)
+    if caster.note:
+        say(caster.note)
+    return caster
+
+
+def _whole(config: Config | str) -> Config:
+    return configuration.preset(config) if isinstance(config, str) else config
+
+
+def _path(place: Place | None) -> Path | None:
+    return None if place is None else Path(place)

@@ -1,0 +1,68 @@
+"""Shared options: completion reads the package's registries, help and checks agree with them."""
+
+from collections.abc import Callable, Iterable
+
+import pytest
+import typer
+from rendered import Run
+
+from zpm2.cli import app, options
+from zpm2.cli.options import one_of
+
+REGISTRIES: dict[str, Callable[[], Iterable[str]]] = {
+    "match --format": options.known_formats,
+    "match --segmenter": options.segmenters,
+    "match --quality": options.choices("segment.quality"),
+    "match --tiles": options.choices("tiles.mode"),
+    "match --method": options.methods,
+    "match --preset": options.presets,
+    "match --device": options.devices,
+    "pose --estimator": options.choices("pose.estimator"),
+}
+
+
+def test_the_last_of_a_list_is_completed() -> None:
+    complete = one_of(lambda: ("sift", "xfeat"))
+    assert complete("") == ["sift", "xfeat"]
+    assert complete("x") == ["xfeat"]
+    assert complete("sift,") == ["sift,sift", "sift,xfeat"]
+
+
+def test_settings_are_completed() -> None:
+    assert "segment.grid=" in options.settings_of("segment.")
+    assert "tiles.mode=off" in options.settings_of("tiles.mode=")
+
+
+def test_what_is_completed_is_what_the_package_takes() -> None:
+    from zpm2 import api, config, features, result
+    from zpm2.evaluate.datasets import DATASETS
+
+    assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc")
+    assert tuple(options.segmenters()) == (*config.choices("segment.model"), "precomputed")
+    assert tuple(options.point_matchers()) == tuple(features.METHODS)
+    assert tuple(options.known_formats()) == tuple(result.FORMATS)
+    assert tuple(options.datasets()) == tuple(DATASETS)
+    assert tuple(options.presets()) == tuple(config.PRESETS)
+
+
+@pytest.mark.parametrize("option", REGISTRIES)
+def test_the_help_names_all_there_is(option: str) -> None:
+    name, flag = option.split()
+    command = typer.main.get_command(app.app).commands[name]  # type: ignore[attr-defined]
+    (parameter,) = (parameter for parameter in command.params if flag in parameter.opts)
+    for value in REGISTRIES[option]():
+        assert value in parameter.help
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("cloud", "ws", "--spacing", "nan"), "--spacing nan: give a distance above 0"),
+        (("cloud", "ws", "--disparity-scale", "-1"), "--disparity-scale -1.0: give a number above 0"),
+        (("pose", "a.png", "b.png", "--baseline", "inf"), "--baseline inf: give a length above 0"),
+        (("reconstruct", "x", "--max-size", "99"), "--max-size 99: give at least 100 px, and at most 100,000"),
+        (("reconstruct", "x", "--neighbors", "0"), "--neighbors 0: give at least 1, and at most 1,000"),
+    ],
+)
+def test_numbers_out_of_range(run: Run, words: tuple[str, ...], why: str) -> None:
+    assert run(*words) == (2, "", f"zpm2: {why}\n")
