@@ -98,7 +98,7 @@ def test_a_small_budget_chooses_tiles_says_so_and_changes_nothing_where_there_is
     with pytest.raises(InputError, match="as a whole needs about"):
         zpm2.match(pair.left, pair.right, chosen, tiles="off", max_memory=between, **options)
     with pytest.raises(InputError, match="as a whole needs about"):
-        zpm2.Matcher(replace(chosen, max_memory=between))(pair.left, pair.right)
+        PairMatcher(replace(chosen, max_memory=between))(pair.left, pair.right)
     with pytest.raises(InputError, match="as a whole needs about"):
         BaselineMatcher("idsc", replace(chosen, max_memory=between))(pair.left, pair.right)
 
