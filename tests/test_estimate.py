@@ -13,6 +13,7 @@ from zpm2 import config, estimate, memory
 from zpm2.baselines import BaselineMatcher
 from zpm2.errors import InputError
 from zpm2.features import METHODS
+from zpm2.pipeline import PairMatcher
 
 MEASURED = {  # MiB, see config.MEMORY
     "default": {1: 1775, 4: 1833, 12: 2019, 25: 2449},
