@@ -29,6 +29,6 @@ def test_files_to_touch_exist() -> None:
 
 def test_the_tree_is_the_package() -> None:
     rooms = set(re.findall(r"^      ([\w.]+)/? ", section("The tree"), re.MULTILINE))
-    hidden = {"__init__.py", "__main__.py", "estimate.py", "memory.py", "py.typed"}
+    hidden = {"__init__.py", "__main__.py", "py.typed"}
     there = {path.name for path in PACKAGE.iterdir() if path.name not in {"__pycache__", *hidden}}
     assert rooms == there
