@@ -232,7 +232,7 @@ def match_command(
     if segmenter not in (None, *SEGMENTERS):
         raise ConfigError(f"unknown segmenter '{segmenter}'; segmenters are: {', '.join(SEGMENTERS)}")
     check_method(method)
-    from zpm2.files.record import TILES, discard
+    from zpm2.files.record import TILES, remove_own
     from zpm2.formats import registry
     from zpm2.formats.saving import file_names
 
@@ -261,7 +261,7 @@ def match_command(
         matcher = open_method(method, config, segmenter=own, progress=progress, say=say, **more)
         result = finished(matcher(left, right), non_overlapping, outlines)
         result.save(out, formats)
-        discard(out / TILES)
+        remove_own(out / TILES)
     _report(result, out, quiet, as_json)
 
 

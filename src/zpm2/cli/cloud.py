@@ -187,20 +187,20 @@ class _Matcher:
 
     def __call__(self, left: Path, right: Path, names: tuple[str, str]) -> "MatchResult":
         from zpm2.files.keys import key
-        from zpm2.files.record import keep, kept, made_folder
+        from zpm2.files.record import make_folder, save_key, saved_key
         from zpm2.result import MatchResult
 
         name = "-".join(str(Path(name).with_suffix("")).replace("/", "_") for name in names)
         folder, asked = self.out / PAIRS / name, key([left, right], _asked(self.config.to_dict()))
-        if kept(folder) == asked and (folder / "matches.json").exists():
+        if saved_key(folder) == asked and (folder / "matches.json").exists():
             return MatchResult.load(folder)
         if self._matcher is None:
             from zpm2.api import Matcher
 
             self._matcher = Matcher(self.config, progress=self.progress, say=self.say)
-        made_folder(self.out / PAIRS)
-        self._matcher(left, right).save(made_folder(folder))
-        keep(folder, asked)
+        make_folder(self.out / PAIRS)
+        self._matcher(left, right).save(make_folder(folder))
+        save_key(folder, asked)
         return MatchResult.load(folder)  # without the pixels
 
 

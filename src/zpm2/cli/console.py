@@ -224,14 +224,14 @@ def given_matches(folder: Path, photographs: Sequence[Path], images: "Sequence[I
     same photograph, better exposed for instance: a warning of the result says so.
     """
     from zpm2.files.listing import json_file
-    from zpm2.files.places import exchanged, is_content
+    from zpm2.files.photo_paths import are_swapped, has_content
     from zpm2.model import SIDES
     from zpm2.result import MatchResult
 
     matched = MatchResult.load(folder)
     document = json_file(folder / "matches.json" if os.path.isdir(folder) else folder)
     noted = [document[name] for name in SIDES]
-    if exchanged(noted, photographs):
+    if are_swapped(noted, photographs):
         raise ConfigError(f"--matches {folder} is of these images the other way round: exchange them")
     warnings = list(matched.warnings)
     for k, (name, side) in enumerate(zip(SIDES, (matched.left, matched.right), strict=True)):
@@ -241,7 +241,7 @@ def given_matches(folder: Path, photographs: Sequence[Path], images: "Sequence[I
                 f"--matches {folder} is of a {name} image of {side.width} x {side.height} px, this one has "
                 f"{image.width} x {image.height} px: give the images that were matched"
             )
-        if not is_content(noted[k], path):
+        if not has_content(noted[k], path):
             warnings.append(
                 f"{path} is not the file that {folder} has matches of, only of the same size: where it shows anything "
                 "else, the result is wrong"

@@ -197,7 +197,7 @@ def _size(size: tuple[int, int]) -> str:
 def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Path) -> list[str]:
     import cv2
 
-    from zpm2.files.record import made_folder
+    from zpm2.files.record import make_folder
     from zpm2.files.writing import atomic_write
     from zpm2.formats import geojson
     from zpm2.model import SIDES, counterparts
@@ -207,7 +207,7 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
     if isinstance(pair, Failed):
         print(f"warning: not rectified: {pair}", file=sys.stderr)
         return []
-    folder = made_folder(out / "rectified")
+    folder = make_folder(out / "rectified")
     for name, side in zip(SIDES, (pair.left, pair.right), strict=True):
         picture = cv2.cvtColor(side.image.rgb, cv2.COLOR_RGB2BGR)
         atomic_write(folder / f"{name}.png", cv2.imencode(".png", picture)[1].tobytes())
@@ -221,14 +221,14 @@ def _rectified(found: "PoseResult", images: Any, matched: "MatchResult", out: Pa
 
 def _colmap(found: "PoseResult", paths: tuple[Path, Path], out: Path) -> list[str]:
     from zpm2.files.listing import distinct_names
-    from zpm2.files.record import made_folder
+    from zpm2.files.record import make_folder
     from zpm2.pose import colmap
 
     if isinstance(found.pose, Failed) or found.translation is None:
         print("warning: no COLMAP model: there is no pose with a translation", file=sys.stderr)
         return []
     left, right = distinct_names(paths)
-    return [str(colmap.write(found, (left, right), made_folder(out / "colmap")))]
+    return [str(colmap.write(found, (left, right), make_folder(out / "colmap")))]
 
 
 def _report(

@@ -16,7 +16,7 @@ from typing import Any
 from zpm2.errors import InputError
 from zpm2.files.keys import code, stamp
 from zpm2.files.listing import distinct_names, json_file
-from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.colmap import colmap_can, open_model, require_pycolmap
 from zpm2.formats.meshes import read_mesh
@@ -82,7 +82,7 @@ def reconstruct(
     _claim(workspace, photographs, options, known)
     images = workspace / IMAGES
     if not _in_place(photographs, images):
-        _link(photographs, names, made_folder(images))
+        _link(photographs, names, make_folder(images))
     tell("structure", 0.0)
     model = find_structure(images, names, workspace, known, options.ordered)
     tell("structure", 1.0)
@@ -91,13 +91,13 @@ def reconstruct(
     if not (dense / "sparse" / "cameras.bin").is_file():
         undistort = pycolmap.UndistortCameraOptions()
         undistort.max_image_size = options.max_size
-        with scratch(workspace) as part:
+        with temporary_folder(workspace) as part:
             with colmap_can(f"undistort the photographs in {images}"):
                 pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
             made = sum(path.is_file() for path in (part / "dense" / IMAGES).rglob("*"))
             if made < registered:
                 raise InputError(f"COLMAP undistorted {made} of {registered} photographs only: see to {images}")
-            put(part / "dense", dense)
+            move_into_place(part / "dense", dense)
     notes = _depth(pycolmap, dense, options, tell)
     fused = workspace / "fused.ply"
     if _points(fused) < LEAST:
@@ -156,7 +156,7 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
     for path, name in zip(photographs, names, strict=True):
         target = folder / name
         for parent in reversed(Path(name).parents[:-1]):
-            made_folder(folder / parent)
+            make_folder(folder / parent)
         if not target.exists():
             pixels = as_png(path)
             if pixels is not None:
@@ -165,9 +165,9 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
             try:
                 os.link(path.resolve(), target)
             except OSError:
-                with scratch(folder) as part:
+                with temporary_folder(folder) as part:
                     shutil.copyfile(path, part / "photograph")
-                    put(part / "photograph", target)
+                    move_into_place(part / "photograph", target)
 
 
 def _depth(pycolmap: Any, dense: Path, options: Options, tell: Callable[[str, float], None]) -> list[str]:
@@ -186,28 +186,28 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path) -> None:
     options.min_num_pixels, options.num_threads = min(3, views), 1  # threads would race for the points
     if not pycolmap.has_cuda:
         options.max_normal_error = 40.0  # normals come from differences of depth here, and are noisier
-    with scratch(fused.parent) as part:
+    with temporary_folder(fused.parent) as part:
         made = part / fused.name
         with colmap_can(f"fuse the depth maps in {dense}"):
             pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
         points = _points(made)
         if points < LEAST:
             raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {MORE}")
-        put(made, fused)
+        move_into_place(made, fused)
 
 
 def _mesh(pycolmap: Any, fused: Path, mesh: Path, options: Options) -> None:
     meshing = pycolmap.PoissonMeshingOptions()
     meshing.depth, meshing.trim = options.poisson_depth, options.trim
     meshing.num_threads = 1  # more add up in another order each time
-    with scratch(mesh.parent) as part:
+    with temporary_folder(mesh.parent) as part:
         made = part / mesh.name
         with colmap_can(f"make a surface of {fused}"):
             pycolmap.poisson_meshing(fused, made, meshing)
         if not _has_faces(made):
             points = _points(fused)
             raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {MORE}")
-        put(made, mesh)
+        move_into_place(made, mesh)
 
 
 def _points(fused: Path) -> int:
