@@ -15,7 +15,7 @@ from zpm2.config import Config
 from zpm2.errors import ConfigError
 from zpm2.features import PointMatcher
 from zpm2.files.listing import json_file
-from zpm2.files.places import exchanged, is_content
+from zpm2.files.photo_paths import are_swapped, has_content
 from zpm2.model import SIDES
 from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
@@ -197,7 +197,7 @@ def saved_matches(
     matched = MatchResult.load(folder)
     document = json_file(Path(folder) / "matches.json" if os.path.isdir(folder) else Path(folder))
     noted = [document[name] for name in SIDES]
-    if exchanged(noted, photographs):
+    if are_swapped(noted, photographs):
         raise ConfigError(f"--matches {folder} is of these images the other way round: exchange them")
     warnings = list(matched.warnings)
     for k, (name, side) in enumerate(zip(SIDES, (matched.left, matched.right), strict=True)):
@@ -207,7 +207,7 @@ def saved_matches(
                 f"--matches {folder} is of a {name} image of {side.width} x {side.height} px, this one has "
                 f"{size[0]} x {size[1]} px: give the images that were matched"
             )
-        if not is_content(noted[k], path):
+        if not has_content(noted[k], path):
             warnings.append(
                 f"{path} is not the file that was matched in {folder}, it only has the same size: where it shows "
                 "anything else, the result is wrong"

@@ -14,7 +14,7 @@ from zpm2.cloud.export import write_surface
 from zpm2.cloud.run import matching_part
 from zpm2.config import CloudConfig, assign, preset
 from zpm2.files.keys import key
-from zpm2.files.record import keep, made_folder
+from zpm2.files.record import make_folder
 from zpm2.formats import claim
 from zpm2.model import Camera
 from zpm2.stereo.rig import Rig
@@ -131,10 +131,10 @@ def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
 
 def with_matches(matches: Path, workspace: Path, out: Path) -> None:
     """The matches where an earlier run of the same workspace would have left them."""
-    folder = made_folder(made_folder(claim(out, []) / "pairs") / "left-right")
+    folder = make_folder(make_folder(claim(out, []) / "pairs") / "left-right")
     shutil.copy(matches / "matches.json", folder)
     photographs = [workspace / "images" / f"{side}.png" for side in ("left", "right")]
-    keep(folder, key(photographs, matching_part(assign(preset("default"), SIFT_SETTINGS))))
+    save_key(folder, key(photographs, matching_part(assign(preset("default"), SIFT_SETTINGS))))
 
 
 def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from zpm2.cli.console import Interrupted, fresh_folder, lines
-from zpm2.files.record import made_folder
+from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write
 
 
@@ -31,7 +31,7 @@ def enter(places: list) -> None:
 @contextlib.contextmanager
 def making(out: Path) -> Iterator[None]:
     """A run that has finished a pair."""
-    atomic_write(made_folder(out / "pairs") / "matches.json", "{}")
+    atomic_write(make_folder(out / "pairs") / "matches.json", "{}")
     yield
 
 

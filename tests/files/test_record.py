@@ -11,7 +11,17 @@ import pytest
 import zpm2
 from zpm2.errors import OutputError
 from zpm2.files import lock
-from zpm2.files.record import HIDDEN, LOCK, RECORD, discard, keep, kept, made_folder, put, scratch
+from zpm2.files.record import (
+    HIDDEN,
+    LOCK,
+    RECORD,
+    make_folder,
+    move_into_place,
+    remove_own,
+    save_key,
+    saved_key,
+    temporary_folder,
+)
 from zpm2.files.writing import results_folder
 from zpm2.formats import atomic_write, claim
 
@@ -31,7 +41,7 @@ def test_own_files_are_replaced_and_others_are_not(tmp_path):
     with pytest.raises(OutputError, match=r"b\.json is there already, and is not on record .*: move .* another output"):
         atomic_write(tmp_path / "b.json", "ours")
     with pytest.raises(OutputError, match=r"b\.json is there already"):
-        discard(tmp_path / "b.json")
+        remove_own(tmp_path / "b.json")
     with pytest.raises(OutputError, match=r"b\.json is there already"):
         claim(tmp_path, ["a.json", "b.json"])
     (tmp_path / "a.json").write_text("corrected by hand")
@@ -40,7 +50,7 @@ def test_own_files_are_replaced_and_others_are_not(tmp_path):
     assert contents(tmp_path) == {"a.json": b"corrected by hand", "b.json": b"theirs"}
     (tmp_path / "a.json").unlink()
     atomic_write(tmp_path / "a.json", "three")
-    discard(tmp_path / "a.json")
+    remove_own(tmp_path / "a.json")
     assert not (tmp_path / "a.json").exists()
 
 
@@ -107,7 +117,7 @@ def test_an_unfinished_line_of_the_record_does_not_count(tmp_path):
 def test_folders(tmp_path):
     """What lies in a folder that we made has our record, and no hidden folder of its own."""
     out = claim(tmp_path / "out", ["pairs"])
-    inner = made_folder(made_folder(out / "pairs") / "a")
+    inner = make_folder(make_folder(out / "pairs") / "a")
     assert claim(inner, ["matches.json"]) == inner
     atomic_write(inner / "matches.json", "x")
     (inner / "notes.txt").write_text("theirs")
@@ -116,29 +126,29 @@ def test_folders(tmp_path):
     atomic_write(inner / "matches.json", "y")
     with pytest.raises(OutputError, match=r"notes\.txt is there already"):
         atomic_write(inner / "notes.txt", "ours")
-    keep(inner, "abc")
-    assert kept(inner) == "abc"
-    assert kept(out / "pairs" / "b") is None
+    save_key(inner, "abc")
+    assert saved_key(inner) == "abc"
+    assert saved_key(out / "pairs" / "b") is None
     (tmp_path / "foreign" / "pairs").mkdir(parents=True)
     claim(tmp_path / "foreign", ["pairs"])  # it is empty
     (tmp_path / "foreign" / "pairs" / "x").write_text("theirs")
     with pytest.raises(OutputError, match="pairs is there already"):
-        made_folder(tmp_path / "foreign" / "pairs")
+        make_folder(tmp_path / "foreign" / "pairs")
 
 
 def test_a_finished_folder_is_put_on_record_with_all_its_files(tmp_path):
     claim(tmp_path, [])
-    with scratch(tmp_path) as part:
+    with temporary_folder(tmp_path) as part:
         assert part.is_relative_to(tmp_path / HIDDEN)
         (part / "dense" / "stereo").mkdir(parents=True)
         (part / "dense" / "stereo" / "a.bin").write_bytes(b"x")
-        put(part / "dense", tmp_path / "dense")
+        move_into_place(part / "dense", tmp_path / "dense")
     assert not part.exists()
     atomic_write(tmp_path / "dense" / "stereo" / "a.bin", b"y")
-    discard(tmp_path / "dense" / "stereo" / "a.bin")
+    remove_own(tmp_path / "dense" / "stereo" / "a.bin")
     assert contents(tmp_path) == {}
     with pytest.raises(OutputError, match="dense is a folder that others may have put files into"):
-        discard(tmp_path / "dense")
+        remove_own(tmp_path / "dense")
 
 
 def test_a_folder_may_be_moved(tmp_path):
@@ -150,7 +160,7 @@ def test_a_folder_may_be_moved(tmp_path):
 def test_an_input_is_not_written_over(tmp_path):
     out = claim(tmp_path, [])
     atomic_write(out / "overlay.png", "x")
-    made_folder(out / "rectified")
+    make_folder(out / "rectified")
     atomic_write(out / "rectified" / "left.png", "x")
     with pytest.raises(OutputError, match=r"overlay\.png is an input and would be written over"):
         claim(out, ["overlay.png"], [tmp_path / "overlay.png"])
@@ -186,8 +196,8 @@ def test_tiles_for_the_next_run_stay(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_what_a_killed_run_left_goes_with_the_next_one(tmp_path):
     code = (
-        "import os, signal, sys\nfrom zpm2.formats import claim\nfrom zpm2.files.record import scratch\n"
-        "with scratch(claim(sys.argv[1], [])) as part:\n"
+        "import os, signal, sys\nfrom zpm2.formats import claim\nfrom zpm2.files.record import temporary_folder\n"
+        "with temporary_folder(claim(sys.argv[1], [])) as part:\n"
         "    (part / 'x').write_text('x')\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
     sources = str(Path(zpm2.__file__).parents[1])
@@ -195,7 +205,7 @@ def test_what_a_killed_run_left_goes_with_the_next_one(tmp_path):
     parts = tmp_path / HIDDEN / "parts"
     assert len(list(parts.iterdir())) == 1
     (tmp_path / ".0123.part").write_text("theirs")
-    with scratch(tmp_path) as mine:
+    with temporary_folder(tmp_path) as mine:
         claim(tmp_path, [])
         assert list(parts.iterdir()) == [mine]
     assert contents(tmp_path) == {".0123.part": b"theirs"}
@@ -248,11 +258,11 @@ def test_a_second_run_into_a_folder_ends_at_once(tmp_path):
 def test_runs_that_start_together_are_one_at_a_time(tmp_path):
     """Each of some processes adds 1 to a number when it gets the lock, and tries again when it does not."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom zpm2.files.lock import Taken, locked\n"
+        "import sys, time\nfrom pathlib import Path\nfrom zpm2.files.lock import AlreadyLocked, locked\n"
         "out = Path(sys.argv[1])\n"
         "done = 0\nwhile done < 50:\n    try:\n        with locked(out / 'lock'):\n"
         "            n = int((out / 'n').read_text())\n            (out / 'n').write_text(str(n + 1))\n"
-        "        done += 1\n    except Taken:\n        time.sleep(0.001)\n"
+        "        done += 1\n    except AlreadyLocked:\n        time.sleep(0.001)\n"
     )
     (tmp_path / "n").write_text("0")
     runs = [subprocess.Popen([sys.executable, "-c", code, tmp_path]) for _ in range(3)]

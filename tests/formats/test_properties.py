@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.formats.properties import OURS, PREFIX, apart, beside, described
+from zpm2.formats.properties import OURS, PREFIX, polygon_properties, prefixed, unprefixed
 from zpm2.model import Counterpart, Polygon
 
 SQUARE = np.array([[0, 0], [4, 0], [4, 4], [0, 4.0]])
@@ -12,14 +12,14 @@ names = st.builds(lambda times, word: PREFIX * times + word, st.integers(0, 3), 
 
 @given(st.dictionaries(names, st.integers()))
 def test_given_properties_come_back_whatever_their_names(properties):
-    ours = described(Polygon(3, SQUARE, source_id="way/7"), None, None)
-    together = {**ours, **beside(properties, OURS)}
+    ours = polygon_properties(Polygon(3, SQUARE, source_id="way/7"), None, None)
+    together = {**ours, **prefixed(properties, OURS)}
     assert len(together) == len(ours) + len(properties)
-    assert apart(together, OURS) == properties
+    assert unprefixed(together, OURS) == properties
 
 
 def test_our_members():
-    found = described(Polygon(3, SQUARE, (), 0.5, 1, "roof"), Counterpart(2, 9, 0.75), None)
+    found = polygon_properties(Polygon(3, SQUARE, (), 0.5, 1, "roof"), Counterpart(2, 9, 0.75), None)
     assert found == {
         "area": 16.0,
         "score": 0.5,
@@ -30,14 +30,14 @@ def test_our_members():
         "confidence": 0.75,
         "unmatched": None,
     }
-    alone = described(Polygon(3, SQUARE, source_id="a"), None, "occluded")
+    alone = polygon_properties(Polygon(3, SQUARE, source_id="a"), None, "occluded")
     assert set(alone) == OURS - {"area_m2"}
     assert (alone["source_id"], alone["unmatched"], alone["match"], alone["match_id"]) == ("a", "occluded", None, None)
 
 
 def test_only_names_that_are_ours_are_changed():
     given = {"name": "Hof", "id": 7, "area": 3, "source": "survey", "source_id": "x", "source_date": 2020}
-    assert beside(given, OURS) == {
+    assert prefixed(given, OURS) == {
         "name": "Hof",
         "id": 7,
         "source_area": 3,

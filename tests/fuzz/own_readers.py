@@ -39,7 +39,7 @@ def _results() -> list[Reader]:
     side = {"path": None, "width": 48, "height": 40, "crs": None, "transform": [[1, 0, 0], [0, 1, 0]], "gsd": 1.0}
     side |= {"rpc": None, "polygons": [polygon, {**polygon, "id": 2, "unmatched": "rejected"}]}
     points = {"left": [[1.0, 2.0], [3.0, 4.0]], "right": [[1.0, 2.0], [3.0, 4.0]], "score": [1.0, 0.5]}
-    match = {"left": 1, "right": 1, "confidence": 0.5, "cost": 0.1, "dsf": 0.2, "stage": "reference", "overlap": None}
+    match = {"left": 1, "right": 1, "confidence": 0.5, "cost": 0.1, "dsf": 2, "stage": "local", "overlap": 0.5}
     document = {
         "schema": "zpm2-matches/1",
         "left": side,
@@ -104,8 +104,8 @@ def _folders() -> list[Reader]:
 
     def recorded(folder: Path) -> None:
         writing.claim(folder, ["images", "matches.json"])
-        record.kept(folder)
-        record.unmark(folder)
+        record.saved_key(folder)
+        record.remove_record(folder)
 
     def evaluation(folder: Path) -> None:
         _remember(folder)

@@ -220,7 +220,7 @@ EMPTY = b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty fl
 def test_what_is_there_and_unusable_is_made_again(workspace: Path, name: str, content: bytes) -> None:
     part = workspace / "part"
     part.write_bytes(content)
-    record.put(part, workspace / name)  # as an earlier run would have
+    record.move_into_place(part, workspace / name)  # as an earlier run would have
     paths = sorted((workspace.parent / "photographs").iterdir())
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(), strict=True)}
     reconstruct(paths, workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), known)

@@ -133,7 +133,7 @@ def match(
     same command is started again.
     """
     from zpm2 import api
-    from zpm2.files.record import TILES, discard
+    from zpm2.files.record import TILES, remove_own
     from zpm2.formats.saving import file_names
 
     config = configure(preset, config_file, settings, max_memory=max_memory)
@@ -166,7 +166,7 @@ def match(
             say=say,
         )
         result.save(out, formats or [])
-        discard(out / TILES)
+        remove_own(out / TILES)
     report(result, out, quiet, as_json)
 
 

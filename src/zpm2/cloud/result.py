@@ -16,7 +16,7 @@ from zpm2.cloud.lift import SurfaceRing, outline_in
 from zpm2.cloud.patch import SurfacePatch, covered_shares
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.workspace import PosedPhotograph
-from zpm2.files.places import place
+from zpm2.files.photo_paths import photo_reference
 from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
@@ -237,5 +237,5 @@ class PolygonCloud:
         """Write cloud.json, whole or not at all."""
         document = self.to_dict()
         for view in document["views"]:
-            view |= place(view["path"], folder)
+            view |= photo_reference(view["path"], folder)
         return atomic_write(folder / "cloud.json", json.dumps(document, allow_nan=False))

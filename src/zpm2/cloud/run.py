@@ -19,7 +19,7 @@ from zpm2.cloud.workspace import PosedPhotograph, find_mesh, read_views
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed, InputError
 from zpm2.files.keys import key
-from zpm2.files.record import keep, kept, made_folder
+from zpm2.files.record import make_folder, save_key, saved_key
 from zpm2.files.writing import claim
 from zpm2.formats.maps import read_disparity
 from zpm2.model.messages import about
@@ -216,11 +216,11 @@ class _Pairs:
     def _kept(self, home: Path, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
         name = "-".join(str(Path(view.name).with_suffix("")).replace("/", "_") for view in (left, right))
         folder, made_from = home / name, key([left.path, right.path], matching_part(self.config))
-        if kept(folder) != made_from or not (folder / "matches.json").exists():
+        if saved_key(folder) != made_from or not (folder / "matches.json").exists():
             result = self._match(left, right)
-            claim(made_folder(home), [])
-            result.save(made_folder(folder))
-            keep(folder, made_from)
+            claim(make_folder(home), [])
+            result.save(make_folder(folder))
+            save_key(folder, made_from)
         return MatchResult.load(folder)
 
     def _match(self, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:

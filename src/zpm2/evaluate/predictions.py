@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.files.keys import code, key
-from zpm2.files.places import is_content
+from zpm2.files.photo_paths import has_content
 from zpm2.files.reading import WRONG, read_json
-from zpm2.files.record import discard, keep, kept, made_folder
+from zpm2.files.record import remove_own, save_key, saved_key
 from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
@@ -74,10 +74,10 @@ def predict(
     `matches.json` is written last, so an interruption loses the pair in work and nothing else.
     """
     match: MatchPair | None = None
-    made_folder(claim(out, [PREDICTIONS]) / PREDICTIONS)
+    make_folder(claim(out, [PREDICTIONS]) / PREDICTIONS)
     for pair in pairs:
         folder, made_from = folder_of(pair, out), _made_from(pair, regions)
-        if (folder / "matches.json").exists() and kept(folder) == made_from:
+        if (folder / "matches.json").exists() and saved_key(folder) == made_from:
             continue
         match = match or matcher()
         try:
@@ -88,13 +88,13 @@ def predict(
             result.save(folder)
         except InputError as error:
             for name in RESULTS:  # of other photographs
-                discard(folder / name)
+                remove_own(folder / name)
             atomic_write(output_folder(folder) / "failed.json", json.dumps({"reason": str(error)}))
             tell(f"{pair.name}: {error}")
             continue
-        discard(folder / "failed.json")
+        remove_own(folder / "failed.json")
         atomic_write(folder / "memory.json", json.dumps({"peak_mb": peak_mb()}))
-        keep(folder, made_from)
+        save_key(folder, made_from)
         tell(pair.name)
 
 
@@ -123,7 +123,7 @@ def is_current(pair: EvalPair, out: Path) -> bool:
 
     def same(document: dict[str, Any]) -> bool:
         sides = (document["left"], pair.left), (document["right"], pair.right)
-        return all(is_content(side, file) for side, file in sides)
+        return all(has_content(side, file) for side, file in sides)
 
     return _taken(folder_of(pair, out) / "matches.json", same)
 

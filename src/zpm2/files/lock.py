@@ -18,16 +18,17 @@ TAKEN = (errno.EACCES, errno.EAGAIN)  # by another process: Windows, others
 _log = logging.getLogger(__name__)
 
 
-class Taken(Exception):
+class AlreadyLocked(Exception):
     """Another process holds the lock."""
 
 
 @contextlib.contextmanager
 def locked(file: Path) -> Iterator[None]:
-    """Holds the lock of a file, which is made for it and goes with it. `Taken` at once where another process, or a call
-    around this one, holds it; `OSError` where the file cannot be made. What a killed process left does not count.
+    """Locks a file, which is made for this and removed after it.
 
-    Where the disk knows no locks, as some network drives, a warning says so and nothing is held.
+    `AlreadyLocked` at once where another process, or an enclosing call, holds the lock; `OSError` where the file cannot
+    be made. A file that a killed process left is no lock. On disks without locks, such as some network drives, nothing
+    is locked, and a warning is logged.
     """
     opened = _opened(file)
     try:
@@ -53,7 +54,7 @@ def _opened(file: Path) -> int:
                 _log.warning("%s cannot be locked (%s): let no other run write there", file.parent, error.strerror)
                 return opened
             os.close(opened)
-            raise Taken from error
+            raise AlreadyLocked from error
         os.close(opened)  # another run ended in between, and its file with it
 
 

@@ -1,9 +1,9 @@
-"""What runs of zpm2 made in an output folder, so that nothing else is ever replaced or removed.
+"""The record of what runs of zpm2 made in an output folder, so that nothing else is ever replaced or removed.
 
-A claimed output folder has a hidden folder `.zpm2` that holds all that is temporary and, as its marker, `made.jsonl`: a
-line for the format, then a line for each file and folder that was made, written before it takes its name. In and below
-a claimed folder only files are replaced or removed that are on this record and were not changed since. A folder that
-nobody claimed has no record, and its files are the caller's affair.
+A claimed output folder has a hidden folder `.zpm2` for all temporary files and for the record, `made.jsonl`: a line for
+the format, then a line for each file and folder that was made, written before the file takes its name. In and below a
+claimed folder, a file is only replaced or removed if it is on this record and was not changed since. An output folder
+that was not claimed has no record; there the caller decides.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from zpm2.errors import OutputError
 from zpm2.files.keys import fingerprint
-from zpm2.files.lock import Taken, locked
+from zpm2.files.lock import AlreadyLocked, locked
 from zpm2.files.reading import WRONG, parse_json
 
 HIDDEN = ".zpm2"
@@ -29,9 +29,9 @@ FORMAT = {"format": "zpm2-folder/1"}
 FOLDER = "folder"  # in place of a fingerprint
 
 
-def mark(folder: Path) -> None:
-    """Makes the hidden folder, unless `folder` lies in a folder that is on a record already, and removes what killed
-    runs left in it. `OutputError` where something else has its name; `OSError`."""
+def create_record(folder: Path) -> None:
+    """Starts the record of a folder, unless it lies in a folder that is on a record already; removes what killed runs
+    left. `OutputError` where the hidden folder's name is taken by something else; `OSError`."""
     home = _home(folder / HIDDEN)
     if home is None or (home != _absolute(folder) and not _lies_in_made(folder, home)):
         hidden = folder / HIDDEN
@@ -40,12 +40,12 @@ def mark(folder: Path) -> None:
         hidden.mkdir(exist_ok=True)
         _append(hidden / RECORD, FORMAT)
         return
-    sweep(_parts(home))
+    remove_leftovers(_parts(home))
 
 
 @contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Keeps other runs out of a claimed folder. `OutputError` where one is at work in it; `OSError`."""
+def only_run(folder: Path) -> Iterator[None]:
+    """Locks a claimed folder against other runs. `OutputError` where another run is at work in it; `OSError`."""
     home = _home(folder / HIDDEN)
     if home is None:
         yield
@@ -53,15 +53,15 @@ def alone(folder: Path) -> Iterator[None]:
     with contextlib.ExitStack() as held:
         try:
             held.enter_context(locked(home / HIDDEN / LOCK))
-        except Taken:
+        except AlreadyLocked:
             raise OutputError(
                 f"another run is writing into {folder}: wait until it ends, or give another output folder"
             ) from None
         yield
 
 
-def unmark(folder: Path) -> None:
-    """Takes the hidden folder away where nothing that was made is there and nothing is kept for a later run."""
+def remove_record(folder: Path) -> None:
+    """Removes the hidden folder if nothing on the record exists any more and nothing is kept for a later run."""
     hidden = folder / HIDDEN
     if _home(hidden) != _absolute(folder):
         return
@@ -71,8 +71,8 @@ def unmark(folder: Path) -> None:
 
 
 def refuse_foreign(path: Path) -> None:
-    """`OutputError` where a claimed folder holds something of that name that no run made, or that was changed since.
-    An empty folder holds nothing."""
+    """`OutputError` where a claimed folder has something of that name that no run made, or that was changed since. An
+    empty folder may be there."""
     home = _home(path)
     if home is None or not os.path.lexists(path) or _is_own(path, home):
         return
@@ -86,8 +86,8 @@ def refuse_foreign(path: Path) -> None:
     raise OutputError(f"{path} {what}: move it away, or give another output folder")
 
 
-def put(part: Path, target: Path) -> Path:
-    """Gives a finished file or folder its name, in the place of one that an earlier run made, and puts it on record."""
+def move_into_place(part: Path, target: Path) -> Path:
+    """Moves a finished file or folder to its final name, replacing one that an earlier run made, and records it."""
     refuse_foreign(target)
     for path in (part, *part.rglob("*")) if part.is_dir() else (part,):
         _remember(target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
@@ -95,9 +95,8 @@ def put(part: Path, target: Path) -> Path:
     return target
 
 
-def made_folder(path: Path) -> Path:
-    """A folder that a run made, made now if it is not there. `OutputError` where it is somebody else's, or cannot be
-    made."""
+def make_folder(path: Path) -> Path:
+    """A recorded folder, made if it is not there. `OutputError` where no run made it, or it cannot be made."""
     try:
         refuse_foreign(path)
         home = _home(path)
@@ -109,8 +108,8 @@ def made_folder(path: Path) -> Path:
     return path
 
 
-def keep(folder: Path, key: str) -> None:
-    """Remembers the key (`keys.key`) of the finished results in a folder on the record. `OutputError`."""
+def save_key(folder: Path, key: str) -> None:
+    """Stores the key (`keys.key`) of the finished results in a recorded folder. `OutputError`."""
     file = _key_file(folder)
     if file is None:
         return
@@ -121,14 +120,14 @@ def keep(folder: Path, key: str) -> None:
         raise OutputError(f"cannot write {file}: {error.strerror}") from error
 
 
-def kept(folder: Path) -> str | None:
-    """The key that `keep` remembered."""
+def saved_key(folder: Path) -> str | None:
+    """The key that `save_key` remembered."""
     file = _key_file(folder)
     return file.read_text(encoding="utf-8", errors="replace") if file is not None and file.is_file() else None
 
 
-def discard(path: Path) -> None:
-    """Removes a file that a run made, or something in the hidden folder with all that is in it, if it is there."""
+def remove_own(path: Path) -> None:
+    """Removes a file that a run made, or a file or folder inside the hidden folder, if it is there."""
     home = _home(path)
     if path.is_dir() and not (home is not None and _is_own(path, home)):
         raise OutputError(f"{path} is a folder that others may have put files into: it is not removed")
@@ -137,8 +136,8 @@ def discard(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def scratch(folder: Path) -> Iterator[Path]:
-    """A temporary folder for files on their way into `folder`, on the same disk; it goes away whatever happens.
+def temporary_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder for files that will be moved into `folder`, on the same disk; always removed at the end.
 
     It lies in the hidden folder of a claimed folder, else in `folder` itself. `OSError` where it cannot be made.
     """
@@ -154,16 +153,16 @@ def scratch(folder: Path) -> Iterator[Path]:
         _remove(path)
 
 
-def abandon(folder: Path) -> None:
-    """Removes what this process had on its way into a claimed folder, where an interrupt came while `scratch` cleaned
-    up."""
+def remove_scratch(folder: Path) -> None:
+    """Removes the temporary folders of this process in a claimed folder, where an interrupt kept `temporary_folder`
+    from cleaning up."""
     with contextlib.suppress(OSError):  # no such folder, or none of that name can be
         for part in _parts(folder).glob(f"{os.getpid()}-*.part"):
             _remove(part)
 
 
-def sweep(folder: Path) -> None:
-    """Removes what killed runs left of `scratch` in a folder that is all ours."""
+def remove_leftovers(folder: Path) -> None:
+    """Removes the temporary folders of killed runs in a folder that only zpm2 writes to."""
     for part in folder.glob("*.part"):
         process = part.name.lstrip(".").partition("-")[0]
         if process.isdecimal() and not _alive(int(process)):

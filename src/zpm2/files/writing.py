@@ -29,10 +29,10 @@ def atomic_write(path: str | Path, content: bytes | str) -> Path:
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
     try:
-        with record.scratch(path.parent) as folder:
+        with record.temporary_folder(path.parent) as folder:
             part = folder / "part"
             part.write_bytes(data)
-            record.put(part, path)
+            record.move_into_place(part, path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {why(error, path)}") from error
     return path
@@ -70,16 +70,16 @@ def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] =
     sources = [Path(source) for source in inputs]
     folder = output_folder(path, sources)
     try:
-        record.mark(folder)
+        record.create_record(folder)
         for target in (folder / name for name in names):
             record.refuse_foreign(target)
             if any(_holds(target, source) for source in sources):
                 raise OutputError(f"{target} is an input and would be written over: give another output folder")
     except OSError as error:
-        record.unmark(folder)
+        record.remove_record(folder)
         raise OutputError(f"cannot write into output folder {folder}: {why(error, folder)}") from error
     except OutputError:
-        record.unmark(folder)
+        record.remove_record(folder)
         raise
     return folder
 
@@ -95,11 +95,11 @@ def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()
     fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
         folder = claim(path, names, inputs)
-        with record.alone(folder):
+        with record.only_run(folder):
             yield folder
     except BaseException as error:
-        record.abandon(path)
-        record.unmark(path)
+        record.remove_scratch(path)
+        record.remove_record(path)
         for folder in fresh:
             with contextlib.suppress(OSError):  # not empty
                 folder.rmdir()

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from zpm2.formats.properties import OURS as POLYGONS
-from zpm2.formats.properties import beside, described
+from zpm2.formats.properties import polygon_properties, prefixed
 from zpm2.formats.run_lengths import compressed, run_lengths
 from zpm2.model import Counterpart, Mask, Polygon
 
@@ -38,8 +38,8 @@ def coco(
     category = {name: k for k, name in enumerate(names, start=1)}
     annotations = [
         {
-            **described(polygon, partners.get(polygon.id), reasons.get(polygon.id)),
-            **beside(polygon.properties, OURS),
+            **polygon_properties(polygon, partners.get(polygon.id), reasons.get(polygon.id)),
+            **prefixed(polygon.properties, OURS),
             "id": k,
             "polygon_id": polygon.id,
             "image_id": 1,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.files.writing import atomic_write
-from zpm2.formats.properties import OURS, apart, beside, described, plain
+from zpm2.formats.properties import OURS, plain, polygon_properties, prefixed, unprefixed
 from zpm2.model import Counterpart, Polygon
 
 FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
@@ -142,7 +142,7 @@ def id_text(value: Any) -> str | None:
 
 def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
     """What a feature says of a polygon beside its outline, and what its source said."""
-    return {**described(polygon, partner, unmatched), **beside(polygon.properties, OURS)}
+    return {**polygon_properties(polygon, partner, unmatched), **prefixed(polygon.properties, OURS)}
 
 
 def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
@@ -198,7 +198,7 @@ def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
         source_id=id_text(source_id if ours and source_id is not None else own_id),
         score=score(properties.get("score"), name),
         label=None if label is None else plain(str(label)),
-        properties=plain(apart(properties, OURS) if ours else others),
+        properties=plain(unprefixed(properties, OURS) if ours else others),
     )
 
 

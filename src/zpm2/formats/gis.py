@@ -18,7 +18,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError, MissingDependency, OutputError
-from zpm2.files.record import discard, put, scratch
+from zpm2.files.record import move_into_place, remove_own, temporary_folder
 from zpm2.files.writing import why
 from zpm2.formats.layer import Layer, feature_collection, square_meters, world_shapes
 from zpm2.formats.properties import PREFIX
@@ -112,8 +112,8 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
             _write(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
         _write(temporary, GPKG, "matches", _match_table(matches))
         for suffix in LOG_FILES:  # of the file that was there: SQLite would apply them to the new one
-            discard(path.with_name(path.name + suffix))
-        put(temporary, path)
+            remove_own(path.with_name(path.name + suffix))
+        move_into_place(temporary, path)
     return path
 
 
@@ -132,9 +132,9 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
         for suffix in reversed(SIDE_FILES):  # .shp last
             part = temporary / f"{layer.name}{suffix}"
             if part.exists():
-                put(part, target.with_suffix(suffix))
+                move_into_place(part, target.with_suffix(suffix))
             else:
-                discard(target.with_suffix(suffix))
+                remove_own(target.with_suffix(suffix))
     return target
 
 
@@ -311,7 +311,7 @@ def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
     try:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        with scratch(parent) as folder:
+        with temporary_folder(parent) as folder:
             yield folder
     except OSError as error:
         raise OutputError(f"cannot write {target}: {why(error, target)}") from error

@@ -1,4 +1,4 @@
-"""What every file says of a polygon beside its outline: our own members, and the properties that it was given with."""
+"""The properties of a polygon in every file format: our own, and those of the file that it was given in."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -15,8 +15,8 @@ OURS = frozenset(
 )
 
 
-def described(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
-    """Our members: area in px^2, the partner's id, the match's id; "source_id" of given regions only."""
+def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+    """Our properties: area in px^2, the partner's id, the match's id, ...; "source_id" of given regions only."""
     return {
         "area": polygon.area,
         "score": polygon.score,
@@ -30,14 +30,14 @@ def described(polygon: Polygon, partner: Counterpart | None, unmatched: str | No
     }
 
 
-def beside(properties: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
-    """Given properties under names that are not `ours` (lower case), so that both fit into one table. `apart` undoes
-    it."""
+def prefixed(properties: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+    """Given properties, with a prefix where a name is one of `ours` (lower case), so that both fit into one table.
+    `unprefixed` undoes it."""
     return {PREFIX + name if _taken(name, ours) else name: value for name, value in properties.items()}
 
 
-def apart(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
-    """The given properties of a table that `beside` made."""
+def unprefixed(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+    """The given properties of a table, without the prefixes of `prefixed`."""
     own = {name: value for name, value in values.items() if name.lower() not in ours}
     cut = len(PREFIX)
     return {
@@ -47,7 +47,7 @@ def apart(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A value of a JSON file as one that every file can hold: null for what is not finite, "?" for half a letter."""
+    """A JSON value that every format can hold: null for numbers that are not finite, "?" for lone surrogates."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, str):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.files.places import find, place
+from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import registry
@@ -46,7 +46,7 @@ def save(
         atomic_write(folder / name, png.tobytes())
     document = result.to_dict()
     for side in SIDES:
-        document[side] |= place(document[side]["path"], folder)
+        document[side] |= photo_reference(document[side]["path"], folder)
     atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder
 
@@ -66,7 +66,7 @@ def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
         raise InputError(f"{file} is no {schema} file; give the folder that zpm2 match wrote")
     try:
         for side in SIDES:
-            document[side]["path"] = find(document[side], file.parent)
+            document[side]["path"] = find_photo(document[side], file.parent)
     except WRONG as error:
         raise incomplete(file, error) from error
     return file, document

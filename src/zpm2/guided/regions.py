@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from zpm2.config import Config, VectorizeConfig
-from zpm2.files.places import absolute
+from zpm2.files.photo_paths import absolute
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import redetection
 from zpm2.guided.prior import GuidedPrior

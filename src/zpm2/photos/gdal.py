@@ -45,8 +45,8 @@ _ELSEWHERE = re.compile(r"/vsi|[\w+.-]{2,}:")  # names that GDAL or rasterio tak
 _HFA = b"EHFA_HEADER_TAG"
 
 
-class Unopened(InputError):
-    """A file, or a colour model, that GDAL does not read; another library may."""
+class UnsupportedByGdal(InputError):
+    """GDAL does not read this file or colour model; another library may."""
 
 
 def require_rasterio() -> Any:
@@ -64,7 +64,7 @@ def open_file(path: str | Path, what: str) -> Any:
     opened here.
 
     `InputError` for a missing or empty file, for names that are none of a local file, and for what leads elsewhere (a
-    VRT, an overview or mask file; see `photos.vrt`); `Unopened` for other formats and damaged files.
+    VRT, an overview or mask file; see `photos.vrt`); `UnsupportedByGdal` for other formats and damaged files.
     """
     page, name = found.groups() if (found := _PAGE.fullmatch(str(path))) else ("", str(path))
     rasterio = require_rasterio()
@@ -80,7 +80,7 @@ def open_file(path: str | Path, what: str) -> Any:
         with gdal(what):
             source = rasterio.open(f"{page}{file}" if page else file, driver=driver)
     except InputError as error:
-        raise Unopened(str(error)) from error
+        raise UnsupportedByGdal(str(error)) from error
     try:
         with gdal(what):
             _refuse_overviews_elsewhere(source, what)
@@ -137,18 +137,18 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
 
 
 def _driver(path: Path, what: str) -> str:
-    """The driver for a file by its first bytes. `Unopened` for other formats."""
+    """The driver for a file by its first bytes. `UnsupportedByGdal` for other formats."""
     with values.opened_file(path, what) as file:
         head = file.read(HEAD)
         if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
-            raise Unopened(f"{what} is damaged, its boxes have no end: copy or download it again")
+            raise UnsupportedByGdal(f"{what} is damaged, its boxes have no end: copy or download it again")
     for driver, signature in SIGNATURES.items():
         if re.match(signature, head, re.DOTALL):
             # drivers that go by a text in it, which GDAL may ask first about a source, see no further than to a zero
             if driver != "VRT" and re.search(rb"[<{]", head.partition(b"\0")[0]):
                 break
             return driver
-    raise Unopened(str(values.unknown_format(what)))
+    raise UnsupportedByGdal(str(values.unknown_format(what)))
 
 
 def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:

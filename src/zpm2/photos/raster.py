@@ -17,7 +17,7 @@ from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image
 from zpm2.model.messages import Note
 from zpm2.photos import gdal, pictures, values
-from zpm2.photos.gdal import Unopened
+from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.geolocation import place_of
 
 Array = NDArray[np.float64]
@@ -204,9 +204,9 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
     the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity, and what fills the
     border by the same rule.
 
-    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file (`Unopened`, where it
-    is GDAL that cannot), complex values, no pixel with data, a side under 32 px. `ConfigError` for bands that are not
-    there.
+    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file
+    (`UnsupportedByGdal` where another library may read it), complex values, no pixel with data, a side under 32 px.
+    `ConfigError` for bands that are not there.
     """
     what = f"{name} {path}"
     source = gdal.open_file(path, what)
@@ -266,7 +266,7 @@ def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]
         return colors
     if ColorInterp.cyan in marks or ColorInterp.Y in marks:
         model = "CMYK" if ColorInterp.cyan in marks else "YCbCr"
-        raise Unopened(f"{what} has colour model {model}: convert it to RGB first")
+        raise UnsupportedByGdal(f"{what} has colour model {model}: convert it to RGB first")
     found = [band for band in range(1, count + 1) if marks[band - 1] != ColorInterp.alpha] or [1]
     if len(found) > 2:
         first, second, third = found[:3]

@@ -14,7 +14,7 @@ from zpm2.config import RasterConfig
 from zpm2.errors import InputError, MissingDependency
 from zpm2.model import Georeference, Image
 from zpm2.photos import pictures, values
-from zpm2.photos.gdal import Unopened
+from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.raster import Window, open_raster
 
 Array = NDArray[np.float64]
@@ -138,7 +138,7 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
             return InMemoryPhoto(pictures.read_file(path, what), _missed(path, config), gsd)
         except pictures.UnknownFormat as error:
             raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
-    except Unopened as error:
+    except UnsupportedByGdal as error:
         try:
             image = pictures.read_file(path, what)
         except pictures.UnknownFormat:

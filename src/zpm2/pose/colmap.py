@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from zpm2.errors import Failed, InputError, OutputError
-from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.files.writing import claim, why
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.pose.result import PoseResult
@@ -30,15 +30,15 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
     cameras = [to_pycolmap(camera, k + 1) for k, camera in enumerate(result.cameras)]
     motion = np.c_[result.pose.rotation, result.translation]
     try:
-        with scratch(folder) as part, colmap_can(f"write into {folder}"):
+        with temporary_folder(folder) as part, colmap_can(f"write into {folder}"):
             _write_database(pycolmap, result, names, cameras, motion, part / "database.db")
             model = _model(pycolmap, result, names, cameras, motion)
             (part / "model").mkdir()
             model.write_binary(str(part / "model"))
-            put(part / "database.db", folder / "database.db")
-            target = made_folder(made_folder(folder / "sparse") / "0")
+            move_into_place(part / "database.db", folder / "database.db")
+            target = make_folder(make_folder(folder / "sparse") / "0")
             for file in sorted((part / "model").iterdir()):
-                put(file, target / file.name)
+                move_into_place(file, target / file.name)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {why(error, folder)}") from error
     return folder

@@ -13,7 +13,7 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
 from zpm2.files.listing import distinct_names
-from zpm2.files.record import made_folder
+from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
 from zpm2.formats.colmap import require_pycolmap
@@ -69,13 +69,13 @@ class OrientedPair:
             if isinstance(pair, Failed):
                 missing.append(f"not rectified: {pair}")
             else:
-                written.append(_save_rectified(pair, self.matches, made_folder(out / RECTIFIED)))
+                written.append(_save_rectified(pair, self.matches, make_folder(out / RECTIFIED)))
         if as_colmap:
             if isinstance(self.pose.pose, Failed) or self.pose.translation is None:
                 missing.append("no COLMAP model: there is no pose with a translation")
             else:
                 left, right = distinct_names(self.photographs)
-                written.append(colmap.write(self.pose, (left, right), made_folder(out / COLMAP)))
+                written.append(colmap.write(self.pose, (left, right), make_folder(out / COLMAP)))
         self.pose.save(out)
         return Saved([out / NAME, *written], missing)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from zpm2.config import ReconstructConfig
 from zpm2.errors import InputError
-from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.model import PosedCamera
 
@@ -30,7 +30,7 @@ def find_structure(
     if (model / "cameras.bin").is_file():
         return model
     pycolmap = require_pycolmap()
-    with scratch(workspace) as part:
+    with temporary_folder(workspace) as part:
         with colmap_can(f"find cameras and points of {images}"):
             found = _reconstruct(pycolmap, images, names, part, known, config.ordered)
         if found.num_points3D() < config.min_points:
@@ -38,8 +38,8 @@ def find_structure(
         (part / "0").mkdir()
         with colmap_can(f"write the model {model}"):
             found.write(str(part / "0"))
-        made_folder(model.parent)
-        return put(part / "0", model)
+        make_folder(model.parent)
+        return move_into_place(part / "0", model)
 
 
 def _reconstruct(

@@ -17,7 +17,7 @@ from zpm2.config import Config, ReconstructConfig
 from zpm2.errors import InputError
 from zpm2.files.keys import code, stamp
 from zpm2.files.listing import distinct_names, json_file
-from zpm2.files.record import made_folder, put, scratch
+from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.colmap import colmap_can, open_model, require_pycolmap
 from zpm2.formats.meshes import read_mesh
@@ -71,7 +71,7 @@ def reconstruct(
     _claim(workspace, photographs, config, known)
     images = workspace / IMAGES
     if not _in_place(photographs, images):
-        _link(photographs, names, made_folder(images))
+        _link(photographs, names, make_folder(images))
     tell("structure", 0.0)
     model = find_structure(images, names, workspace, known, own)
     tell("structure", 1.0)
@@ -80,13 +80,13 @@ def reconstruct(
     if not (dense / "sparse" / "cameras.bin").is_file():
         undistort = pycolmap.UndistortCameraOptions()
         undistort.max_image_size = own.max_size
-        with scratch(workspace) as part:
+        with temporary_folder(workspace) as part:
             with colmap_can(f"undistort the photographs in {images}"):
                 pycolmap.undistort_images(part / "dense", model, images, undistort_options=undistort)
             made = sum(path.is_file() for path in (part / "dense" / IMAGES).rglob("*"))
             if made < registered:
                 raise InputError(f"COLMAP undistorted only {made} of {registered} photographs: check {images}")
-            put(part / "dense", dense)
+            move_into_place(part / "dense", dense)
     notes = _depth(pycolmap, dense, config, tell)
     fused = workspace / "fused.ply"
     if _points(fused) < own.min_fused_points:
@@ -145,7 +145,7 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
     for path, name in zip(photographs, names, strict=True):
         target = folder / name
         for parent in reversed(Path(name).parents[:-1]):
-            made_folder(folder / parent)
+            make_folder(folder / parent)
         if not target.exists():
             pixels = as_png(path)
             if pixels is not None:
@@ -154,9 +154,9 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
             try:
                 os.link(path.resolve(), target)
             except OSError:
-                with scratch(folder) as part:
+                with temporary_folder(folder) as part:
                     shutil.copyfile(path, part / "photograph")
-                    put(part / "photograph", target)
+                    move_into_place(part / "photograph", target)
 
 
 def _depth(pycolmap: Any, dense: Path, config: Config, tell: Callable[[str, float], None]) -> list[str]:
@@ -176,28 +176,28 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path, config: ReconstructConfig) ->
     options.num_threads = 1  # several would race for the points
     if not pycolmap.has_cuda:
         options.max_normal_error = config.fusion_angle
-    with scratch(fused.parent) as part:
+    with temporary_folder(fused.parent) as part:
         made = part / fused.name
         with colmap_can(f"fuse the depth maps in {dense}"):
             pycolmap.stereo_fusion(made, dense, options=options, output_type="PLY")
         points = _points(made)
         if points < config.min_fused_points:
             raise InputError(f"the views agree on the depth of {points} points: too few for a surface; {ADVICE}")
-        put(made, fused)
+        move_into_place(made, fused)
 
 
 def _mesh(pycolmap: Any, fused: Path, mesh: Path, config: ReconstructConfig) -> None:
     meshing = pycolmap.PoissonMeshingOptions()
     meshing.depth, meshing.trim = config.poisson_depth, config.trim
     meshing.num_threads = 1  # several add up in another order each time
-    with scratch(mesh.parent) as part:
+    with temporary_folder(mesh.parent) as part:
         made = part / mesh.name
         with colmap_can(f"make a surface of {fused}"):
             pycolmap.poisson_meshing(fused, made, meshing)
         if not _has_faces(made):
             points = _points(fused)
             raise InputError(f"the {points} points lie too far apart for a surface: no triangle is left; {ADVICE}")
-        put(made, mesh)
+        move_into_place(made, mesh)
 
 
 def _points(fused: Path) -> int:

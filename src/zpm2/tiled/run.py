@@ -14,7 +14,7 @@ import numpy as np
 from zpm2.config import Config
 from zpm2.errors import InputError
 from zpm2.features import PointMatcher
-from zpm2.files.places import absolute
+from zpm2.files.photo_paths import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
 from zpm2.guided.regions import no_matches

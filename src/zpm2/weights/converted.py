@@ -24,7 +24,7 @@ def converted(name: str, key: str, convert: Callable[[Path], None]) -> Path:
     gets an empty folder. Size and hash of each file are checked; what lies there damaged, half-made or without its list
     is replaced, and a warning says so. `WeightsError` where the cache cannot be written.
     """
-    from zpm2.files.record import scratch, sweep  # here, as zpm2.formats loads OpenCV
+    from zpm2.files.record import remove_leftovers, temporary_folder  # here, as zpm2.formats loads OpenCV
 
     item = entry(name)
     folder = cache_dir() / "converted" / f"{item.name}-{key}"
@@ -35,8 +35,8 @@ def converted(name: str, key: str, convert: Callable[[Path], None]) -> Path:
         _log.warning("%s %s: converting %s again", folder, flaw, item.name)
     with writing(item):
         folder.parent.mkdir(parents=True, exist_ok=True)
-        sweep(folder.parent)
-        with scratch(folder.parent) as part:
+        remove_leftovers(folder.parent)
+        with temporary_folder(folder.parent) as part:
             new = part / "new"
             new.mkdir()
             convert(new)

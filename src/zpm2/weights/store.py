@@ -98,14 +98,14 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
     `chunks` says its own failures as `SourceError`, which passes through; an `OSError` here is the cache's and becomes
     `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
     """
-    from zpm2.files.record import scratch  # here, as zpm2.formats loads OpenCV
+    from zpm2.files.record import temporary_folder  # here, as zpm2.formats loads OpenCV
 
     target = cache_dir() / item.file
     digest, done = hashlib.sha256(), 0
     with writing(item):
         target.parent.mkdir(parents=True, exist_ok=True)
         _sweep(target.parent)
-        with scratch(target.parent) as folder:
+        with temporary_folder(target.parent) as folder:
             part = folder / item.file
             with part.open("xb") as file:
                 for chunk in chunks:
@@ -125,9 +125,9 @@ def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None)
 def _sweep(folder: Path) -> None:
     """Removes what killed runs left in the cache, if there is anything."""
     if any(folder.glob("*.part")):
-        from zpm2.files.record import sweep  # here, as zpm2.formats loads OpenCV
+        from zpm2.files.record import remove_leftovers  # here, as zpm2.formats loads OpenCV
 
-        sweep(folder)
+        remove_leftovers(folder)
 
 
 @contextmanager

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.formats import coco, geojson, run_lengths
-from zpm2.formats.properties import apart, plain
+from zpm2.formats.properties import plain, unprefixed
 from zpm2.model import Image, Mask
-from zpm2.segment.given.region import Reader, Reading, Region, check_size, counted, other_photograph
+from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size, counted, other_photograph
 
 # members of an annotation that a polygon has under other names, or that follow from its outline
 TAKEN = {"id", "image_id", "category_id", "segmentation", "bbox", "area"}
 
 
-def open_annotations(path: Path, data: dict[str, Any]) -> Reader:
+def open_annotations(path: Path, data: dict[str, Any]) -> RegionReader:
     """The regions of a parsed file with the list "annotations", whose entries are objects.
 
     `InputError` where none of them has a segmentation. Those without one are left out and counted.
@@ -29,7 +29,7 @@ def open_annotations(path: Path, data: dict[str, Any]) -> Reader:
     ours = isinstance(info, dict) and info.get("contributor") == coco.CONTRIBUTOR
     names = {str(c.get("id")): str(c.get("name")) for c in objects(data.get("categories")) if c.get("name") is not None}
 
-    def read(image: Image) -> Reading:
+    def read(image: Image) -> GivenRegions:
         entry = _entry(path, data, image)
         notes = other_photograph(entry.get("file_name"), image)
         if isinstance(entry.get("width"), int) and isinstance(entry.get("height"), int):
@@ -47,7 +47,7 @@ def open_annotations(path: Path, data: dict[str, Any]) -> Reader:
         ):
             if n:
                 notes.append(f"{counted(n, 'annotation')} {what} left out")
-        return Reading(found, notes)
+        return GivenRegions(found, notes)
 
     return read
 
@@ -59,9 +59,9 @@ def objects(values: Any) -> Iterator[dict[str, Any]]:
 
 def _region(
     body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], names: dict[str, str], name: str
-) -> Region:
+) -> GivenRegion:
     scored = "score" if annotation.get("score") is not None else "predicted_iou"
-    return Region(
+    return GivenRegion(
         body,
         geojson.region_id(annotation.get("id")),
         geojson.id_text(annotation.get("id")),
@@ -71,17 +71,17 @@ def _region(
     )
 
 
-def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], name: str) -> Region:
+def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], name: str) -> GivenRegion:
     """One of a file that `zpm2 match` wrote: with the polygon's own id, and with what it was given with."""
     number = annotation.get("polygon_id")
     source_id, label = annotation.get("source_id"), annotation.get("label")
-    return Region(
+    return GivenRegion(
         body,
         geojson.region_id(number),
         geojson.id_text(number if source_id is None else source_id),
         geojson.score(annotation.get("score"), name),
         None if label is None else str(label),
-        plain(apart(annotation, coco.OURS)),
+        plain(unprefixed(annotation, coco.OURS)),
     )
 
 

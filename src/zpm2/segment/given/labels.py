@@ -15,7 +15,7 @@ from zpm2.files.reading import read_array, regular
 from zpm2.model import Image, Mask
 from zpm2.photos import gdal, pictures
 from zpm2.photos.values import MAX_PIXELS, check_length, check_memory, no_memory
-from zpm2.segment.given.region import Reader, Reading, Region, check_size
+from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
 Values = NDArray[Any]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
@@ -24,7 +24,7 @@ EACH = 16  # bytes a pixel: what is read, where there is no data, and the number
 ORIENTATION, NODATA = 274, 42113  # tags of a TIFF
 
 
-def open_labels(path: Path) -> Reader:
+def open_labels(path: Path) -> RegionReader:
     """The regions of a label image, in the order of their numbers.
 
     Pixels without data (nodata value, mask, transparent) belong to no region. Pixels are in the stored frame, as those
@@ -56,14 +56,14 @@ def open_labels(path: Path) -> Reader:
     if (values < 0).any():
         raise InputError(f"{what} has values below 0: set them to 0, the background, or declare them as nodata")
 
-    def read(image: Image) -> Reading:
+    def read(image: Image) -> GivenRegions:
         check_size(str(path), (values.shape[1], values.shape[0]), image)
-        return Reading(_regions(values), notes)
+        return GivenRegions(_regions(values), notes)
 
     return read
 
 
-def _regions(labels: Values) -> list[Region]:
+def _regions(labels: Values) -> list[GivenRegion]:
     rows = max(1, CHUNK // labels.shape[1]) if labels.size else 1
     starts = range(0, len(labels), rows)
     found = [np.unique(labels[start : start + rows]) for start in starts]
@@ -76,7 +76,7 @@ def _regions(labels: Values) -> list[Region]:
     regions = []
     for k, (value, (down, across)) in enumerate(zip(values, ndimage.find_objects(numbers), strict=True), start=1):
         mask = Mask(across.start, down.start, numbers[down, across] == k)
-        regions.append(Region(mask, int(value), str(value), label=str(value)))
+        regions.append(GivenRegion(mask, int(value), str(value), label=str(value)))
     return regions
 
 
@@ -113,7 +113,7 @@ def _by_rasterio(path: Path, what: str) -> tuple[Values, Hidden]:
             values, hidden = file.read(1), file.read_masks(1) == 0
             if file.colorinterp[0] == ColorInterp.palette:
                 hidden |= np.isin(values, [value for value, color in file.colormap(1).items() if not color[3]])
-    except gdal.Unopened as error:
+    except gdal.UnsupportedByGdal as error:
         raise _unreadable(path, what) from error
     except (Zpm2Error, MemoryError):
         raise

@@ -16,7 +16,7 @@ from zpm2.polygons.repair import polygons_in
 from zpm2.polygons.shapes import from_shape
 from zpm2.polygons.trace import pieces
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.given.region import Region, counted
+from zpm2.segment.given.region import GivenRegion, counted
 from zpm2.segment.given.region_files import open_regions
 
 
@@ -26,7 +26,7 @@ class _Piece:
 
     body: Mask | shapely.Polygon
     rank: int  # 0 for the largest piece of its region
-    region: Region
+    region: GivenRegion
 
 
 class PrecomputedSegmenter:
@@ -113,7 +113,7 @@ class PrecomputedSegmenter:
         return ids
 
 
-def _named(polygon: Polygon, id: int, region: Region) -> Polygon:
+def _named(polygon: Polygon, id: int, region: GivenRegion) -> Polygon:
     """A polygon with all that the file says of its region."""
     return replace(
         polygon,

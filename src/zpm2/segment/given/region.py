@@ -11,7 +11,7 @@ from zpm2.model import Image, Mask
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class GivenRegion:
     """One region: pixels, or the rings of its polygons, which nobody has checked yet."""
 
     body: Mask | tuple[geojson.Rings, ...]
@@ -23,14 +23,14 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class GivenRegions:
     """What a file has for a photograph, and what a person should know of that."""
 
-    regions: list[Region]
+    regions: list[GivenRegion]
     notes: list[str] = field(default_factory=list)
 
 
-Reader = Callable[[Image], Reading]  # `InputError` where a file's regions are those of another photograph
+RegionReader = Callable[[Image], GivenRegions]  # `InputError` where a file's regions are those of another photograph
 
 
 def check_size(name: str, size: tuple[int, int], image: Image) -> None:

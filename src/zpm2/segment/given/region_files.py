@@ -11,7 +11,7 @@ from zpm2.formats import geojson
 from zpm2.model import Image
 from zpm2.segment.given.annotations import open_annotations
 from zpm2.segment.given.labels import open_labels
-from zpm2.segment.given.region import Reader, Reading, Region, check_size, other_photograph
+from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size, other_photograph
 
 FORMATS = (
     "a label image (.png, .tif or .npy of whole numbers, 0 = background), COCO annotations or SAM's automatic masks "
@@ -19,7 +19,7 @@ FORMATS = (
 )
 
 
-def open_regions(path: Path) -> Reader:
+def open_regions(path: Path) -> RegionReader:
     """Reads a file as a function that gives the regions of an image.
 
     `InputError` where the file is missing or damaged, and with the list of kinds where it is none of them. The function
@@ -49,8 +49,8 @@ def _json(path: Path) -> Any:
         raise InputError(f"region file {path} is not valid JSON: write it anew") from error
 
 
-def _features(path: Path, collection: geojson.FeatureCollection, image: Image) -> Reading:
+def _features(path: Path, collection: geojson.FeatureCollection, image: Image) -> GivenRegions:
     if collection.size:
         check_size(str(path), collection.size, image)
-    regions = [Region(f.parts, f.id, f.source_id, f.score, f.label, f.properties) for f in collection.features]
-    return Reading(regions, other_photograph(collection.image_name, image))
+    regions = [GivenRegion(f.parts, f.id, f.source_id, f.score, f.label, f.properties) for f in collection.features]
+    return GivenRegions(regions, other_photograph(collection.image_name, image))

@@ -1,4 +1,4 @@
-"""Where the photographs of a saved result are: as seen from its folder, and as an absolute path."""
+"""The photographs of a saved result, named so that they are found again: relative to its folder, and absolute."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,14 +9,14 @@ from zpm2.files.keys import fingerprint
 
 
 def absolute(path: str | None) -> str | None:
-    """The path from the root, so that it holds wherever the process goes. What is no file's path, such as GDAL's name
-    for a part of a file, stays as it is."""
+    """The absolute path of a file. What is no path of a file, such as GDAL's name for a page of a TIFF, stays as it
+    is."""
     return os.path.abspath(path) if path is not None and os.path.exists(path) else path
 
 
-def place(path: str | None, folder: Path) -> dict[str, str | None]:
-    """What a result in `folder` says of a photograph: `path` (absolute), `relative_path` (from the folder, with /, null
-    on another drive) and `content` (`keys.fingerprint`); the last two null where there is no such file."""
+def photo_reference(path: str | None, folder: Path) -> dict[str, str | None]:
+    """How a result in `folder` names a photograph: `path` (absolute), `relative_path` (from the folder, with /, null on
+    another drive) and `content` (`keys.fingerprint`). The last two are null where there is no such file."""
     if path is None or not os.path.exists(path):
         return {"path": path, "relative_path": None, "content": None}
     full = os.path.abspath(path)
@@ -28,10 +28,13 @@ def place(path: str | None, folder: Path) -> dict[str, str | None]:
     return {"path": full, "relative_path": relative, "content": _content(full)}
 
 
-def find(values: Mapping[str, Any], folder: Path) -> str | None:
-    """The photograph that `place` described, now that the result lies in `folder`: as seen from there, else at its
-    absolute place. What holds what it held comes before what only has its name; where neither is, the absolute path.
-    `TypeError` or `KeyError` for values of another kind."""
+def find_photo(values: Mapping[str, Any], folder: Path) -> str | None:
+    """The path of the photograph of a `photo_reference`, for a result that now lies in `folder`.
+
+    It is looked for relative to that folder, then at its absolute path; a file with the same content comes before one
+    that only has the name. Where there is neither, the absolute path. `TypeError` or `KeyError` for values of another
+    kind.
+    """
     path, relative = values["path"], values.get("relative_path")
     if not all(text is None or isinstance(text, str) for text in (path, relative)):
         raise TypeError("path is no text")
@@ -43,13 +46,13 @@ def find(values: Mapping[str, Any], folder: Path) -> str | None:
     return next(iter([*same, *there, path]))
 
 
-def is_content(values: Mapping[str, Any], file: str | Path) -> bool:
-    """Whether a file holds what the photograph held that `place` described; true where nobody noted it."""
+def has_content(values: Mapping[str, Any], file: str | Path) -> bool:
+    """Whether a file has the content of a `photo_reference`; true for references without content."""
     return values.get("content") in (None, _content(file))
 
 
-def exchanged(sides: Sequence[Mapping[str, Any]], files: Sequence[str | Path]) -> bool:
-    """Whether each of two files holds what the photograph of the other side held."""
+def are_swapped(sides: Sequence[Mapping[str, Any]], files: Sequence[str | Path]) -> bool:
+    """Whether left and right were exchanged: each of two files has the content of the other side's photograph."""
     contents = [_content(file) for file in files]
     noted = [side.get("content") for side in sides]
     return None not in noted and noted[0] != noted[1] and contents == noted[::-1]
