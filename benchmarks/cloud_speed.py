@@ -9,12 +9,11 @@ mesh. Seconds to read neighbours, to build the tree, rays and crossings a second
 """
 
 import argparse
-import json
 import time
 from typing import Any
 
+import document
 import numpy as np
-from match_pairs import environment
 
 from zpm2.cloud import Cutter, Lifted, SurfaceMesh, SurfacePatch, SurfaceView, lift, open_caster, trace_paths
 from zpm2.config import CloudConfig
@@ -96,7 +95,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--faces", type=int, nargs="+", default=[100_000, 500_000, 1_000_000, 5_000_000])
     rows = [measured(faces) for faces in parser.parse_args().faces]
-    print(json.dumps({"schema": "zpm2-bench-cloud/1", "environment": environment(), "rows": rows}, indent=1))
+    print(document.text("zpm2-bench-cloud/1", rows=rows))
 
 
 if __name__ == "__main__":

@@ -12,14 +12,13 @@ boundaries (median, of the size), seconds. "naive": share of left polygons whose
 """
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
-from match_pairs import environment
 
 from zpm2.cloud import MatchedPair, PolygonCloud, PosedPhotograph, SurfaceView, build, fill_holes, open_caster
 from zpm2.cloud.constraints import violations
@@ -125,7 +124,7 @@ def main() -> None:
         print(
             "| mean | " + mode + " | | " + " | ".join(str(means[name]) for name in COLUMNS[3:]) + " |", file=sys.stderr
         )
-    print(json.dumps({"schema": "zpm2-bench-cloud-stereo/1", "environment": environment(), "rows": rows}, indent=1))
+    print(document.text("zpm2-bench-cloud-stereo/1", rows=rows))
 
 
 if __name__ == "__main__":

@@ -20,8 +20,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
-from match_pairs import environment, score, totals
+from match_pairs import score, totals
 from numpy.typing import NDArray
 
 from zpm2 import config
@@ -137,8 +138,7 @@ def main() -> None:
     }
     for variant, line in table.items():
         print(variant, json.dumps(line), file=sys.stderr)
-    document = {"schema": "zpm2-bench-guided/1", "environment": environment(), "table": table, "rows": rows}
-    print(json.dumps(document, indent=1))
+    print(document.text("zpm2-bench-guided/1", table=table, rows=rows))
 
 
 if __name__ == "__main__":

@@ -35,11 +35,11 @@ from typing import Any
 from unittest import mock
 
 import cv2
+import document
 import mosaic
 import numpy as np
 import PIL.Image
 import shapely
-from match_pairs import environment
 from numpy.typing import NDArray
 
 from zpm2 import MatchResult, config
@@ -371,7 +371,7 @@ def precision(folder: Path, sheet: Path | None) -> dict[str, Any]:
         {"left": m.left, "right": m.right, "stage": m.stage, "iou": iou, "inliers": e.inliers, "why": e.why}
         for m, e, iou in zip(result.matches, found, ious, strict=True)
     ]
-    report = {
+    content: dict[str, Any] = {
         "right": right,
         "wrong": len(decided) - right,
         "undecided": dict(Counter(e.why for e in found if e.why)),
@@ -380,6 +380,7 @@ def precision(folder: Path, sheet: Path | None) -> dict[str, Any]:
         "seconds": perf_counter() - start,
         "matches": matches,
     }
+    report = document.stamped("zpm2-bench-precision/1", **content)
     (folder / "precision.json").write_text(json.dumps(report, indent=1))
     return report
 
@@ -449,9 +450,7 @@ def run(left: str, right: str, out: Path, preset: str, settings: Sequence[str]) 
     if status:
         raise SystemExit(1)
     result = MatchResult.load(out)
-    report = {
-        "schema": "zpm2-bench-large-format/1",
-        "environment": environment(),
+    content: dict[str, Any] = {
         "settings": list(settings),
         "megapixels": [side.width * side.height / 1e6 for side in (result.left, result.right)],
         "polygons": [len(side.polygons) for side in (result.left, result.right)],
@@ -465,6 +464,7 @@ def run(left: str, right: str, out: Path, preset: str, settings: Sequence[str]) 
         "peak_mb": used.ru_maxrss // 1024,
         "warnings": list(result.warnings),
     }
+    report = document.stamped("zpm2-bench-large-format/1", **content)
     (out / "run.json").write_text(json.dumps(report, indent=1))
     return report
 

@@ -10,7 +10,6 @@ candidates that carried shapes bring: seconds of matching in blocks, best of two
 """
 
 import argparse
-import json
 import resource
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from pathlib import Path
 from time import perf_counter
 
 import cv2
+import document
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
@@ -144,7 +144,7 @@ def main() -> None:
     parser.add_argument("--polygons", type=int, nargs="+", default=[5000, 20000, 50000])
     sizes = parser.parse_args().polygons
     if len(sizes) == 1:
-        print(json.dumps(run(sizes[0]), indent=1))
+        print(document.text("zpm2-bench-polygons/1", **run(sizes[0])))
         return
     for size in sizes:
         subprocess.run([sys.executable, __file__, "--polygons", str(size)], check=True)

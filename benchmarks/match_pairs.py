@@ -10,16 +10,14 @@ Prints the table to stderr and one JSON document (schema zpm2-bench-pairs/1) to 
 
 import argparse
 import json
-import os
-import platform
 import resource
 import subprocess
 import sys
 import tempfile
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
 
 from zpm2 import config
@@ -27,17 +25,6 @@ from zpm2.pipeline import PairMatcher
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 FIGURES = ("MAS", "P", "R", "CCR", "CCR5")
-
-
-def environment() -> dict[str, Any]:
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
-    names = ("zpm2", "torch", "kornia", "openvino", "opencv-python-headless", "numpy")
-    return {
-        "commit": commit.stdout.strip(),
-        "python": platform.python_version(),
-        "versions": {name: version(name) for name in names},
-        "device": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
-    }
 
 
 def score(scorer: Path, root: Path, pair: dict[str, Any], matches: Path) -> dict[str, Any] | None:
@@ -120,15 +107,13 @@ def main() -> None:
                 rows.append(row)
                 print(line(row), file=sys.stderr, flush=True)
             print(json.dumps(totals([row for row in rows if row["grid"] == grid])), file=sys.stderr, flush=True)
-    document = {
-        "schema": "zpm2-bench-pairs/1",
-        "environment": environment(),
+    content = {
         "preset": options.preset,
         "settings": options.settings,
         "rows": rows,
         "totals": {grid: totals([row for row in rows if row["grid"] == grid]) for grid in options.grid},
     }
-    print(json.dumps(document, indent=1))
+    print(document.text("zpm2-bench-pairs/1", **content))
 
 
 if __name__ == "__main__":

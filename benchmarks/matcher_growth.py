@@ -9,29 +9,21 @@ the same on every device.
 """
 
 import argparse
-import json
-import os
-import platform
-import subprocess
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 
 import cv2
+import document
 import numpy as np
-import scipy
-import shapely
 from numpy.typing import NDArray
 
-import zpm2
 from zpm2 import geometry
 from zpm2.config import Config, preset
 from zpm2.global_match import initial_geometry, locate, search_candidates
 from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.model import Image, PointMatches, Polygon, PolygonArrays
 
-SCHEMA = "zpm2-benchmark-matcher-growth/1"
+SCHEMA = "zpm2-bench-growth/1"
 GRIDS = {50: (10, 5), 200: (20, 10), 2000: (50, 40)}  # polygons: columns, rows
 CELL = 96  # px
 VERTICES = 24
@@ -113,14 +105,6 @@ def measure(config: Config, repeat: int) -> dict[str, object]:
     seconds = {entry["polygons"]: entry["seconds"] for entry in sizes}
     reached = {"seconds_50": seconds[50], "ratio_2000_to_200": seconds[2000] / seconds[200]}
     return {
-        "schema": SCHEMA,
-        "commit": _commit(),
-        "versions": {
-            "zpm2": zpm2.__version__,
-            "python": platform.python_version(),
-            **{m.__name__: m.__version__ for m in (np, scipy, cv2, shapely)},
-        },
-        "device": {"kind": "cpu", "machine": platform.machine(), "cores": os.cpu_count()},
         "repeat": repeat,
         "sizes": sizes,
         "reached": reached,
@@ -129,20 +113,12 @@ def measure(config: Config, repeat: int) -> dict[str, object]:
     }
 
 
-def _commit() -> str | None:
-    asked = subprocess.run(
-        ["git", "rev-parse", "HEAD"], cwd=Path(__file__).parent, capture_output=True, text=True, check=False
-    )
-    return asked.stdout.strip() or None
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--preset", default="paper")
     parser.add_argument("--repeat", type=int, default=3)
     arguments = parser.parse_args()
-    json.dump(measure(preset(arguments.preset), arguments.repeat), sys.stdout, indent=2)
-    print()
+    print(document.text(SCHEMA, **measure(preset(arguments.preset), arguments.repeat)))
 
 
 if __name__ == "__main__":

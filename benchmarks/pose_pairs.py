@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
-from match_pairs import environment
 
 from zpm2 import config
 from zpm2.config import Config
@@ -82,7 +82,7 @@ def main() -> None:
     table = summary(rows, options.seeds)
     for line in table:
         print(json.dumps(line), file=sys.stderr)
-    print(json.dumps({"schema": "zpm2-bench-pose/1", "environment": environment(), "table": table, "rows": rows}))
+    print(document.text("zpm2-bench-pose/1", table=table, rows=rows))
 
 
 def summary(rows: list[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:

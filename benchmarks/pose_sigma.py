@@ -6,7 +6,7 @@ Points alone, found once and kept in FOLDER; cells of the left image stand for t
 doubtful have no sigma: they are counted. An error is the norm of three angles of R, or of two of the direction of t;
 how many are expected below 1, 2 and 3 sigma follows from each pair's own covariance, for normal errors. `factor` is by
 how much sigmas must be multiplied, so that as many as expected lie below 1 and 2 of them, told from the other sets (one
-set is left out at a time). Prints tables to stderr and one JSON document (schema zpm2-bench-sigma/1) to stdout.
+set is left out at a time). Prints tables to stderr and one JSON document (schema zpm2-bench-sigma/2) to stdout.
 """
 
 import argparse
@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
 from known_points import KnownPoints, pairs_of
-from match_pairs import environment
 
 from zpm2 import config
 from zpm2.errors import Failed
@@ -47,7 +47,7 @@ def main() -> None:
     table = [summary(name, rows) for name in dict.fromkeys(set_of(row) for row in rows)] + [summary("", rows)]
     for line in table:
         print(json.dumps(line), file=sys.stderr)
-    print(json.dumps({"schema": "zpm2-bench-sigma/1", "environment": environment(), "table": table, "rows": rows}))
+    print(document.text("zpm2-bench-sigma/2", table=table, rows=rows))
 
 
 def judged(finder: PoseFinder, points: Any, cameras: tuple[Camera, Camera], truth: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from match_pairs import environment
+import document
 
 from zpm2 import MatchResult
 from zpm2.evaluate.predictions import PredictionSettings
@@ -66,7 +66,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             rows.append(measure(pair, options.prediction, copies, Path(folder)))
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-    print(json.dumps({"schema": "zpm2-bench-rescore/1", "environment": environment(), "rows": rows}, indent=1))
+    print(document.text("zpm2-bench-rescore/1", rows=rows))
 
 
 if __name__ == "__main__":

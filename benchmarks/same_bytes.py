@@ -9,7 +9,6 @@ Prints one JSON document with how often each digest came, and ends with 1 if the
 
 import argparse
 import hashlib
-import json
 import os
 import random
 import subprocess
@@ -20,6 +19,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import document
 import numpy as np
 
 from zpm2 import config
@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> int:
     finally:
         for process in busy:
             process.kill()
-    print(json.dumps(found, indent=1))
+    print(document.text("zpm2-bench-same-bytes/1", **found))
     return int(len(found["processes"] | found["calls"]) > 1)
 
 

@@ -13,8 +13,8 @@ import sys
 import time
 from typing import Any
 
+import document
 import numpy as np
-from match_pairs import environment
 
 from zpm2.config import SegmentConfig
 from zpm2.photos.images import read_image
@@ -67,8 +67,7 @@ def main() -> None:
             print(path, level, json.dumps(row), file=sys.stderr, flush=True)
     table = {level: {name: float(np.mean([r[name] for r in of])) for name in of[0]} for level, of in rows.items()}
     print(json.dumps(table, indent=1), file=sys.stderr)
-    document = {"schema": "zpm2-bench-quality/1", "environment": environment(), "table": table, "rows": rows}
-    print(json.dumps(document, indent=1))
+    print(document.text("zpm2-bench-quality/1", table=table, rows=rows))
 
 
 if __name__ == "__main__":

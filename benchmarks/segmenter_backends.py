@@ -10,7 +10,6 @@ kornia's own decoder.
 """
 
 import argparse
-import json
 import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -19,9 +18,9 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
+import document
 import numpy as np
 import torch
-from match_pairs import environment
 
 from zpm2.segment import sam_network
 from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend, load_sam
@@ -138,7 +137,7 @@ def main() -> None:
         }
         for name in candidates
     }
-    print(json.dumps({"schema": "zpm2-bench-backends/1", "environment": environment(), "rows": rows}, indent=1))
+    print(document.text("zpm2-bench-backends/1", rows=rows))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ Points alone, found once and kept in FOLDER. Pairs of one scene are those of eve
 photograph of one set and the right one of another, drawn at random, and what FOLDER holds of an earlier run. `limit` is
 where the two are farthest from each other in the other sets (one set left out at a time, with all pairs that it is part
 of), and `wrong` how many pairs of this set that limit puts on the wrong side. Prints tables to stderr and one JSON
-document (schema zpm2-bench-chance/1) to stdout.
+document (schema zpm2-bench-chance/2) to stdout.
 """
 
 import argparse
@@ -17,8 +17,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import document
 from known_points import KnownPoints, pairs_of
-from match_pairs import environment
 
 from zpm2 import config
 from zpm2.global_match import initial_geometry
@@ -45,7 +45,7 @@ def main() -> None:
     table.append({"set": "all", **errors(rows, limit), "limit": limit})
     for line in table:
         print(json.dumps(line), file=sys.stderr)
-    print(json.dumps({"schema": "zpm2-bench-chance/1", "environment": environment(), "table": table, "rows": rows}))
+    print(document.text("zpm2-bench-chance/2", table=table, rows=rows))
 
 
 def judged(name: str, points: Any, *_: Any) -> dict[str, Any]:

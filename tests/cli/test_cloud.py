@@ -14,7 +14,7 @@ from zpm2.cloud.export import write_surface
 from zpm2.cloud.run import matching_part
 from zpm2.config import CloudConfig, assign, preset
 from zpm2.files.keys import key
-from zpm2.files.record import make_folder
+from zpm2.files.record import make_folder, save_key
 from zpm2.formats import claim
 from zpm2.model import Camera
 from zpm2.stereo.rig import Rig

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from zpm2.errors import InputError
 from zpm2.model import Image, Polygon, PolygonMatch
 from zpm2.view import overlay, unmatched
-from zpm2.view.overlay import GAP, HEADER, OTHER, _layout, _places
-from zpm2.view.palette import ALL, distinct_colors
+from zpm2.view.overlay import GAP, HEADER, OTHER_REASON, _layout, _places
+from zpm2.view.palette import COMPARE_ALL, distinct_colors
 from zpm2.view.panel import CROWD, _pole, dashes
 
 
@@ -213,7 +213,7 @@ def test_very_many_unmatched_outlines_are_faint():
 
 def test_neighbours_of_a_crowd_have_different_colours():
     columns, rows = 60, 40
-    assert columns * rows > ALL
+    assert columns * rows > COMPARE_ALL
     boxes = [
         _box(k, k % columns * 10, k // columns * 10, k % columns * 10 + 10, k // columns * 10 + 10)
         for k in range(columns * rows)
@@ -322,4 +322,4 @@ def test_unmatched_polygons_have_the_colour_of_their_reason(monkeypatch):
 
 def test_a_polygon_without_a_reason_says_so():
     picture = unmatched(_gray(100, 100), _gray(100, 100), [_box(1, 5, 5, 60, 60)], [], [], ({}, {}))
-    assert (picture[:HEADER] == OTHER).all(axis=2).any()
+    assert (picture[:HEADER] == OTHER_REASON).all(axis=2).any()

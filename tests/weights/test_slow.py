@@ -135,7 +135,7 @@ def test_redirects_end(monkeypatch: pytest.MonkeyPatch):
         yield f"HTTP/1.1 302 Found\r\nLocation: {path}x\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode()
 
     with replying(reply) as address:
-        assert "127.0.0.1 sends us from one address to the next" in ask(address, HUB, monkeypatch)
+        assert "127.0.0.1 redirects too often" in ask(address, HUB, monkeypatch)
     assert len(asked) <= 10
 
 

@@ -1,4 +1,4 @@
-"""Outlines as equally many samples: what both shape descriptors start from. Holes are not looked at."""
+"""Outlines as a fixed number of samples, the input of both shape descriptors. Holes are ignored."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 def outline(ring: Array) -> Array:
     """The closed (v, 2) ring in a frame of its own: its centre is the origin and its length the unit.
 
-    The centre is that of the line, not of the area, which a sliver hardly has. The first vertex is the one farthest
+    The centre is that of the line, not of the area, as slivers have almost none. The first vertex is the one farthest
     from the centre, of several the one most to the left, then the uppermost, whichever came first in `ring`. Repeated
     vertices are left out.
     """

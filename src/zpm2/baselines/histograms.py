@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 Costs = NDArray[np.float32]
 Counts = NDArray[np.uint16]
 
-INNER, OUTER = 0.125, 2.0  # of the mean distance: where the innermost ring ends and the outermost begins to be full
-BLOCK = 2**20  # chi-square costs that are in memory at a time
+INNER_RADIUS, OUTER_RADIUS = 0.125, 2.0  # of the mean distance, bounds of the rings (Belongie et al. 2002)
+COSTS_AT_ONCE = 2**20  # chi-square costs, to bound the memory
 
 
 def check_bins(samples: int, rings: int, sectors: int, limit: float) -> None:
@@ -36,7 +36,7 @@ def log_polar(distance: Array, angle: Array, rings: int, sectors: int) -> Counts
     n = len(distance)
     other = ~np.eye(n, dtype=bool)
     ratio = distance[other] / distance[other].mean()
-    ring = np.searchsorted(np.geomspace(INNER, OUTER, rings)[:-1], ratio, side="right")
+    ring = np.searchsorted(np.geomspace(INNER_RADIUS, OUTER_RADIUS, rings)[:-1], ratio, side="right")
     sector = np.floor(angle[other] * sectors / (2 * np.pi) + 0.5).astype(np.int64) % sectors
     bins = rings * sectors
     row = np.repeat(np.arange(n), n - 1)
@@ -60,11 +60,11 @@ def compare(
     """(p, q) distance of every left shape to every right one. Shapes are (p, n, b) and (q, n, b) histograms.
 
     `align` turns the (c, n, n) chi-square costs of c pairs into their (c,) distances. Only the result grows with p * q:
-    costs are made for blocks of pairs. `progress` is told the share that is done, 0..1.
+    costs are made for blocks of pairs. `progress` gets the share that is done, 0..1.
     """
     (p, n, bins), q = left.shape, len(right)
     result = np.zeros((p, q))
-    width = max(1, min(q, BLOCK // n**2))
+    width = max(1, min(q, COSTS_AT_ONCE // n**2))
     for start in range(0, q, width):
         block = right[start : start + width]
         columns = _embed(block.reshape(-1, bins), n - 1)

@@ -15,8 +15,8 @@ from zpm2.errors import ConfigError
 from zpm2.model import Polygon
 
 Array = NDArray[np.float64]
-TOLERANCE = 1e-6  # of the outline's length: how far a segment may leave the polygon and still lie inside of it
-PAIRS = 64  # aligned at a time, so that what they need stays in the processor's cache
+INSIDE_TOLERANCE = 1e-6  # of the outline's length, by which a segment may leave the polygon: rounding
+PAIRS_AT_ONCE = 64  # aligned together, so that their costs fit into the processor's cache
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class InnerDistance:
 
     def align(self, costs: Costs) -> Array:
         """(c,) distances 0..penalty of c pairs from the (c, n, n) costs of their samples."""
-        parts = [costs[at : at + PAIRS] for at in range(0, len(costs), PAIRS)]
+        parts = [costs[at : at + PAIRS_AT_ONCE] for at in range(0, len(costs), PAIRS_AT_ONCE)]
         return np.concatenate([align_ordered(part, self.penalty, self.starts) for part in parts])
 
 
@@ -65,12 +65,12 @@ def inner_paths(ring: Array, points: Array) -> tuple[Array, Array]:
 
     Points are (n, 2) samples of the (v, 2) ring in order and in the frame of `contour.outline`; angles are radians
     from the x axis. As published, paths run from sample to sample: two are joined where the segment between them lies
-    in the polygon, and neighbours always. So paths bend at the sample nearest to a concave corner, and are that much
+    in the polygon, and neighbours always. So paths bend at the sample nearest to a concave corner, and are a little
     longer than the shortest. Holes are no obstacle.
     """
     n = len(points)
     i, j = np.triu_indices(n, 1)
-    region = shapely.Polygon(ring).buffer(TOLERANCE, join_style="mitre")
+    region = shapely.Polygon(ring).buffer(INSIDE_TOLERANCE, join_style="mitre")
     shapely.prepare(region)
     seen = shapely.covers(region, shapely.linestrings(np.stack([points[i], points[j]], axis=1)))
     seen |= (j - i == 1) | (j - i == n - 1)

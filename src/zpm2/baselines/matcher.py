@@ -75,11 +75,11 @@ class BaselineMatcher:
         self._regions = RegionFinder(self.config, segmenter, progress, say)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
-        """Match one pair. Inputs and errors are those of `Matcher`; large pairs are matched as a whole, too, which
-        a warning says where the configuration asks for tiles.
+        """Match one pair. Inputs and errors are those of `Matcher`. Large pairs are matched as a whole, too, with a
+        warning where the configuration wants tiles.
 
-        A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, puts matches of one
-        method in order and is no chance of being right: shape alone does not say.
+        A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, ranks the matches
+        of one method; it is no probability.
         """
         limit = memory.within(self.config.max_memory)
         with self._regions.lock, limit, opened(left, right, self.config.raster) as sources:
@@ -87,19 +87,21 @@ class BaselineMatcher:
             estimate.refuse_whole(self.config, sizes, self._regions.given)
             result = match_whole(self._match, sources, self.config)
             if in_tiles(sources, self.config):
-                result = replace(result, warnings=[*result.warnings, "matched as a whole: a baseline knows no tiles"])
+                result = replace(
+                    result, warnings=[*result.warnings, "matched as a whole: baselines do not work in tiles"]
+                )
             return result
 
     def _match(self, left: Image, right: Image) -> MatchResult:
-        method, clock = self.method, StageTimer(self.progress)
-        with clock("load"):
+        method, timer = self.method, StageTimer(self.progress)
+        with timer("load"):
             self._regions.load()
-        with clock("detect"):
+        with timer("detect"):
             found = self._regions.detect((left, right))
             sides, _ = found.sides((), self.config.vectorize)
-        with clock("describe"):
+        with timer("describe"):
             shapes = method.describe(sides[0].polygons), method.describe(sides[1].polygons)
-        with clock("compare"):
+        with timer("compare"):
             distance = compare(*shapes, method.align, lambda share: self.progress("compare", share))
             matches = [
                 PolygonMatch(
@@ -121,7 +123,7 @@ class BaselineMatcher:
             fundamental=NOT_ESTIMATED,
             homography=NOT_ESTIMATED,
             config={**self.config.to_dict(), "baseline": {"method": method.name, **vars(method)}},
-            timings=clock.seconds,
+            timings=timer.seconds,
             warnings=warnings,
             notes=notes,
         )

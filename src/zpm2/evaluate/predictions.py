@@ -15,7 +15,7 @@ from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.files.keys import code, key
 from zpm2.files.photo_paths import has_content
 from zpm2.files.reading import WRONG, read_json
-from zpm2.files.record import remove_own, save_key, saved_key
+from zpm2.files.record import make_folder, remove_own, save_key, saved_key
 from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult

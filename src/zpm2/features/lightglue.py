@@ -46,13 +46,14 @@ class LightGlueMatcher:
         self.network.eval().to(device)
 
     def pair(self, left: Features, right: Features) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """See `FeatureMatcher.pair`."""
         with torch.inference_mode():
             out = self.network({"image0": self._input(left), "image1": self._input(right)})
             rows, scores = out["matches"][0].cpu().numpy(), out["scores"][0].double().cpu().numpy()
         return rows.astype(np.intp), scores
 
     def _input(self, features: Features) -> dict[str, torch.Tensor]:
-        """Original px: LightGlue divides by the image size itself, so the resized frame is of no interest to it."""
+        """Original px: LightGlue divides by the image size itself, whatever size the detector saw."""
         return {
             "keypoints": torch.from_numpy(features.points).float()[None].to(self.device),
             "descriptors": torch.from_numpy(features.descriptors)[None].to(self.device),
@@ -61,15 +62,15 @@ class LightGlueMatcher:
 
 
 class FusedCrossAttention(nn.Module):
-    """kornia's cross attention without the matrix of all points with all points, which it makes on a CPU: two to three
-    times as fast with 4096 points, and the same numbers up to rounding."""
+    """kornia's cross attention without the matrix of all points with all points that it builds on a CPU: two to three
+    times as fast with 4096 points, with the same numbers up to rounding."""
 
     def __init__(self, block: Any) -> None:
         super().__init__()
         self.block = block
 
     def forward(self, x0: Tensor, x1: Tensor, mask: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """(1, M, D) and (1, N, D) descriptors -> the same, after each has looked at the other image's."""
+        """(1, M, D) and (1, N, D) descriptors -> the same, each after attention to the other image's."""
         block = self.block
         (qk0, v0), (qk1, v1) = (
             [t.unflatten(-1, (block.heads, -1)).transpose(1, 2) for t in (block.to_qk(x), block.to_v(x))]
@@ -86,7 +87,7 @@ class FusedCrossAttention(nn.Module):
 
 
 def published_names(state: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """A published state dict with kornia's names: all of it, apart from what is no part of the network.
+    """A published state dict with kornia's names, without the entries that are no part of the network.
 
     `self_attn.3.x` and `cross_attn.3.x` of the first release are `transformers.3.self_attn.x` now. LighterGlue's file
     holds the matcher under `matcher.` beside a copy of XFeat under `extractor.`; SuperPoint's and DISK's hold a

@@ -1,4 +1,4 @@
-"""Many matches in one picture, each as a pair of crops, to be judged by eye."""
+"""Many matches in one picture, each as a pair of crops, to judge them by eye."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ BRIGHT = (255, 225, 0)  # outlines
 CAPTION = 20  # px below the crops
 SEAM = 2  # px between the crops of a match
 GAP = 10  # px between matches and around them
-LEAST = 16  # px, the narrowest margin of a window
+MIN_MARGIN = 16  # px, the narrowest margin of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,13 @@ def crop_window(
     bounds: tuple[float, float, float, float], width: int, height: int, margin: float = 0.6
 ) -> tuple[int, int, int, int]:
     """(x0, y0, x1, y1) px, end excluded: the square around a polygon, with `margin` of its longer side, but at least
-    `LEAST` px, on each side.
+    `MIN_MARGIN` px, on each side.
 
     bounds: (x_min, y_min, x_max, y_max) of the polygon, px of an image of width x height px. At a border the window is
     moved into the image, and stays a square unless the image is too narrow for it.
     """
     longer = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
-    side = math.ceil(longer + 2 * max(margin * longer, LEAST))
+    side = math.ceil(longer + 2 * max(margin * longer, MIN_MARGIN))
     spans = []
     for low, high, length in ((bounds[0], bounds[2], width), (bounds[1], bounds[3], height)):
         size = min(side, length)
@@ -54,9 +54,9 @@ def contact_sheet(
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: a cell for each match, its left and its right crop side by side and its caption below.
 
-    Each crop fills a square of `side` px as far as its aspect allows, and has the polygon's outline, nothing else, over
-    it. Cells go from left to right, `columns` (>= 1) of them in a line; captions that are too long are cut. The same
-    input gives the same picture. `ValueError` unless there are as many captions as rows.
+    Each crop fills a square of `side` px as far as its aspect allows, with the polygon's outline over it. Cells go from
+    left to right, `columns` (>= 1) of them in a line; captions that are too long are cut. The same input gives the same
+    picture. `ValueError` unless there are as many captions as rows.
     """
     font = PIL.ImageFont.load_default(13)
     columns = max(1, min(columns, len(rows)))

@@ -21,8 +21,8 @@ from zpm2.view.panel import (
     SOLID,
     Color,
     Label,
+    PanelRegion,
     Pixels,
-    Region,
     by_id,
     font,
     labels_of,
@@ -38,7 +38,7 @@ SCREEN = 16 / 9  # width / height that the layout comes close to
 MAX_ENLARGEMENT = 2.0  # small photographs are shown up to this much larger, so that labels find room
 GAP = 8  # px between the photographs
 HEADER = 68  # px: a title, and below it what the lines and colours mean
-KEY = 30  # px, the width of a sample in the header
+KEY_WIDTH = 30  # px, the width of a sample in the header
 WHITE = (255, 255, 255)
 STYLES = ((0.9, SOLID, "0.9 and more"), (0.7, (7.0, 8.0), "0.7 to 0.9"), (0.0, (1.0, 5.0), "less"))  # by confidence
 REASONS: Mapping[str, Color] = {
@@ -47,7 +47,7 @@ REASONS: Mapping[str, Color] = {
     "no candidate": (240, 228, 66),
     "rejected": (235, 88, 28),
 }
-OTHER = (170, 170, 170)  # of any other reason
+OTHER_REASON = (170, 170, 170)  # of any other reason
 UNKNOWN = "reason not known"
 
 Size = tuple[int, int]
@@ -145,7 +145,7 @@ def unmatched(
     for k, (image, polygons, name) in enumerate(sides):
         size, scale = panel_sizes[k], np.array(panel_sizes[k]) / full[k]
         found = [
-            region_of(p, scale, size, share(p, full[k]), REASONS.get(reason, OTHER), str(p.id))
+            region_of(p, scale, size, share(p, full[k]), REASONS.get(reason, OTHER_REASON), str(p.id))
             for p, reason in zip(alone[k], why[k], strict=True)
         ]
         others = [ring for p in polygons if p.id in used[k] for ring in rings_of(p, scale)]
@@ -154,7 +154,8 @@ def unmatched(
     order = [*(name for name in REASONS if name in counts[0] | counts[1])]
     order += sorted((counts[0] | counts[1]).keys() - REASONS.keys())
     keys = [
-        _Key(f"{name}: {counts[0][name]} left, {counts[1][name]} right", REASONS.get(name, OTHER)) for name in order
+        _Key(f"{name}: {counts[0][name]} left, {counts[1][name]} right", REASONS.get(name, OTHER_REASON))
+        for name in order
     ]
     title = f"{len(alone[0])} of {len(left_polygons)} left and {len(alone[1])} of {len(right_polygons)} right polygons "
     return _assemble(
@@ -195,7 +196,7 @@ def _places(polygons: Sequence[Polygon]) -> tuple[NDArray[np.float64], NDArray[n
 def _panel(
     image: Image,
     size: Size,
-    regions: Sequence[Region],
+    regions: Sequence[PanelRegion],
     others: Sequence[Ring],
     count: int,
     name: str,
@@ -230,12 +231,14 @@ def _headed(canvas: Pixels, title: str, remark: str, subject: str, keys: Sequenc
     small = next((s for s in (18, 15, 13) if sum(_widths(subject, keys, s)) + 24 < width), 11)
     middle, along, texts = 50, 12.0, []
     for key, room in zip([None, *keys], _widths(subject, keys, small), strict=True):
-        texts.append((along + (KEY + 6 if key else 0), key.text if key else f"{subject}:"))
+        texts.append((along + (KEY_WIDTH + 6 if key else 0), key.text if key else f"{subject}:"))
         x = int(along)
         if key is not None and key.dash is None:
-            cv2.rectangle(canvas, (x + 8, middle - 8), (x + KEY - 2, middle + 8), key.color, -1)
+            cv2.rectangle(canvas, (x + 8, middle - 8), (x + KEY_WIDTH - 2, middle + 8), key.color, -1)
         elif key is not None and key.dash is not None:
-            box = np.array([[x, middle - 8], [x + KEY, middle - 8], [x + KEY, middle + 8], [x, middle + 8]], np.int32)
+            box = np.array(
+                [[x, middle - 8], [x + KEY_WIDTH, middle - 8], [x + KEY_WIDTH, middle + 8], [x, middle + 8]], np.int32
+            )
             outline(canvas, [box * 16], key.color, 2, key.dash)
         along += room
     picture = PIL.Image.fromarray(canvas)
@@ -252,4 +255,4 @@ def _widths(subject: str, keys: Sequence[_Key], size: int) -> list[float]:
     """px that the subject and each key take in a line."""
     ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
     texts = [f"{subject}:", *(key.text for key in keys)]
-    return [ruler.textlength(text, font(size)) + 18 + (KEY + 6 if k else 0) for k, text in enumerate(texts)]
+    return [ruler.textlength(text, font(size)) + 18 + (KEY_WIDTH + 6 if k else 0) for k, text in enumerate(texts)]

@@ -1,38 +1,38 @@
-"""Colours for many things at once: neighbours never look alike."""
+"""Colours for many items at once, so that neighbours look different."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-SIZE = 36
-ALL = 1000  # things; of up to so many each is compared with all others, of more with its neighbours
-NEAREST = 16  # neighbours of each class of size
+PALETTE_SIZE = 36
+COMPARE_ALL = 1000  # items, up to which each is compared with all others; of more, with its neighbours
+NEIGHBORS = 16  # neighbours of each class of size
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
 def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
-    """An RGB colour for each of n things, unlike those of the things near it.
+    """An RGB colour for each of n items, unlike those of the items near it.
 
     centers: (n, d) where they are; reach: (n,) half of their size, in the same unit. Hues follow the golden angle at
-    three lightnesses; one after the other takes the colour that is least like what its neighbours have, near ones
-    counting most. Of more than `ALL` things the large ones choose first; time goes with n log n.
+    three lightnesses. One after the other takes the colour least like those of its neighbours, near ones counting most.
+    Of more than `COMPARE_ALL` items the large ones come first; time grows with n log n.
     """
-    hues = np.deg2rad(np.arange(SIZE) * 137.508)
-    light = np.resize([62.0, 76.0, 88.0], SIZE)
+    hues = np.deg2rad(np.arange(PALETTE_SIZE) * 137.508)
+    light = np.resize([62.0, 76.0, 88.0], PALETTE_SIZE)
     wanted = np.stack([light, 75 * np.cos(hues), 75 * np.sin(hues)], axis=1).astype(np.float32)
     rgb = np.clip(cv2.cvtColor(wanted[None], cv2.COLOR_Lab2RGB), 0, 1)
     palette = np.rint(rgb[0] * 255).astype(int)
     lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2Lab)[0]
     likeness = np.exp(-((lab[:, None] - lab[None]) ** 2).sum(2) / (2 * 30.0**2))
     count = len(centers)
-    many = count > ALL
+    many = count > COMPARE_ALL
     order = np.argsort(-reach, kind="stable") if many else np.arange(count)
     centers, reach = centers[order], reach[order]
     earlier = _neighbors(centers) if many else [np.arange(k) for k in range(count)]
-    taken, used = np.zeros(count, int), np.zeros(SIZE)
+    taken, used = np.zeros(count, int), np.zeros(PALETTE_SIZE)
     for k, near in enumerate(earlier):
         distance = np.linalg.norm(centers[near] - centers[k], axis=1)
         nearness = 1 / (0.05 + distance / (reach[near] + reach[k] + 1e-300)) ** 4
@@ -43,16 +43,16 @@ def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
 
 
 def _neighbors(centers: Array) -> list[Rows]:
-    """For each of n things, largest first, the rows before it that its colour has to differ from, ascending.
+    """For each of n items, largest first, the rows before it that its colour has to differ from, ascending.
 
-    These are the nearest `NEAREST` of all, of the largest quarter, of the largest sixteenth, ...: what is large is near
-    to much although its middle is not.
+    These are the nearest `NEIGHBORS` of all, of the largest quarter, of the largest sixteenth, ...: a large item is
+    near to many others although its middle is not.
     """
     count = len(centers)
     keys, size = [], count
-    while size > NEAREST:
-        _, near = cKDTree(centers[:size]).query(centers, k=NEAREST)
-        rows, others = np.repeat(np.arange(count), NEAREST), near.ravel()
+    while size > NEIGHBORS:
+        _, near = cKDTree(centers[:size]).query(centers, k=NEIGHBORS)
+        rows, others = np.repeat(np.arange(count), NEIGHBORS), near.ravel()
         keys.append(np.maximum(rows, others) * count + np.minimum(rows, others))
         size //= 4
     later, before = np.divmod(np.unique(np.concatenate(keys)), count)

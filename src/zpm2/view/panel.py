@@ -1,4 +1,4 @@
-"""One photograph, muted, with coloured regions, and their numbers: what both pictures of a result are made of."""
+"""One photograph, muted, with coloured regions and their numbers: one half of a picture of a result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,20 +17,20 @@ from zpm2.model import Image, Polygon
 Pixels = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-CROWD = 300  # regions; of more, small ones have thin outlines and no numbers
-SMALL = 24  # px, the longer side of such a region
-LEAST = 15  # px, the smallest height of a number
+CROWD = 300  # regions, above which small ones have thin outlines and no numbers
+SMALL_REGION = 24  # px, the longer side of such a region
+MIN_LABEL = 15  # px, the smallest height of a number
 PALE_CROWD = 3000  # pale outlines of one photograph; more are fainter
 FAINTEST = 0.2  # 0..1 of the outlines' strength
 HALO = 2  # px around text
-WIDE = 2.0  # a label may be so much wider than the free circle that it is put on
+MAX_OVERHANG = 2.0  # width of a label by the diameter of the free circle that it stands on
 SOLID = (1.0, 0.0)  # px drawn and px left out, in turns along an outline
 DARK = (24, 24, 27)
 PALE = (214, 214, 214)
 
 
 @dataclass(frozen=True)
-class Region:
+class PanelRegion:
     """A polygon on its panel."""
 
     rings: list[NDArray[np.int32]]  # OpenCV points in 1/16 px, pixel centres at 0: exterior, then holes
@@ -58,7 +58,7 @@ class Label:
 
 
 def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
-    """Polygons by their id; `InputError` where two have the same."""
+    """The polygons by their ids; `InputError` where two have the same."""
     table = {p.id: p for p in polygons}
     if len(table) != len(polygons):
         raise InputError(f"two {side} polygons have the same id: number them first")
@@ -66,7 +66,7 @@ def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
 
 
 def share(polygon: Polygon, size: tuple[int, int]) -> float:
-    """The part of an image of `size` (width, height) px that the polygon covers, 0..1."""
+    """Area of a polygon by that of its photograph of `size` (width, height) px."""
     return polygon.area / (size[0] * size[1])
 
 
@@ -83,18 +83,18 @@ def region_of(
     color: Color,
     label: str,
     dash: tuple[float, float] = SOLID,
-) -> Region:
-    """A polygon as it is drawn on a panel of `size` (width, height) px; scale: (2,) panel px per px."""
+) -> PanelRegion:
+    """A polygon on a panel of `size` px, at `scale` panel px per px."""
     low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, size).astype(int)
     high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, size).astype(int)
     box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
-    return Region(rings_of(polygon, scale), box, area, color, label, dash)
+    return PanelRegion(rings_of(polygon, scale), box, area, color, label, dash)
 
 
 def painted(
     image: Image,
     size: tuple[int, int],
-    order: Sequence[Region],
+    order: Sequence[PanelRegion],
     others: Sequence[NDArray[np.int32]],
     count: int,
     crowded: bool,
@@ -122,14 +122,14 @@ def painted(
     strength = max(FAINTEST, min(1.0, PALE_CROWD / max(count, 1)))
     panel = cv2.addWeighted(outlined, strength, panel, 1 - strength, 0) if strength < 1 else outlined
     for region in order:
-        small = crowded and region.side < SMALL
+        small = crowded and region.side < SMALL_REGION
         if not small:
             cv2.polylines(panel, region.rings, True, DARK, 4, cv2.LINE_AA, shift=4)
         outline(panel, region.rings, region.color, 1 if small else 2, region.dash)
     return panel, masks, owner
 
 
-def _fill(panel: Pixels, owner: NDArray[np.int32], order: Sequence[Region]) -> None:
+def _fill(panel: Pixels, owner: NDArray[np.int32], order: Sequence[PanelRegion]) -> None:
     """Each pixel in the colour of its owner; large regions let more of the photograph through."""
     share = np.sqrt([region.area for region in order])
     alpha = np.append(np.interp(share, (0.05, 0.5), (0.6, 0.3)), 0.0).astype(np.float32)  # the last one: of no region
@@ -143,7 +143,7 @@ def _fill(panel: Pixels, owner: NDArray[np.int32], order: Sequence[Region]) -> N
 def outline(
     panel: Pixels, rings: Sequence[NDArray[np.int32]], color: Color, width: int, dash: tuple[float, float]
 ) -> None:
-    """Closed lines in turns of `dash` px drawn and left out."""
+    """Draw closed lines, `dash` px drawn and left out in turns."""
     if dash == SOLID:
         cv2.polylines(panel, rings, True, color, width, cv2.LINE_AA, shift=4)
         return
@@ -167,33 +167,33 @@ def dashes(ring: NDArray[np.float64], dash: tuple[float, float]) -> NDArray[np.f
 
 
 def labels_of(
-    order: Sequence[Region], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
+    order: Sequence[PanelRegion], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
 ) -> list[Label]:
     """The name of the panel and the regions' numbers, small regions first: each at the point farthest from the border
     of what is seen of its region and from the labels that are there already. In a crowd, only where it has room; tiny
     regions may lie below it."""
-    tiny = np.array([crowded and region.side < LEAST for region in order] + [False])
+    tiny = np.array([crowded and region.side < MIN_LABEL for region in order] + [False])
     free = np.full(owner.shape, 255, np.uint8)
     labels = [_place(Label(name, (10, 6), 16, "lt"), free)]
     for k in reversed(range(len(order))):
         x0, y0, x1, y1 = order[k].box
-        if not masks[k].any() or (crowded and min(x1 - x0, y1 - y0) < LEAST):
+        if not masks[k].any() or (crowded and min(x1 - x0, y1 - y0) < MIN_LABEL):
             continue
         above = owner[y0:y1, x0:x1]
         seen = np.where((above == k) | tiny[above], masks[k], 0).astype(np.uint8)
         spot, radius = _pole(seen if crowded or seen.any() else masks[k], free[y0:y1, x0:x1], not crowded)
-        label = Label(order[k].label, (x0 + spot[0], y0 + spot[1]), int(np.clip(radius * 0.9, LEAST, 28)), "mm")
+        label = Label(order[k].label, (x0 + spot[0], y0 + spot[1]), int(np.clip(radius * 0.9, MIN_LABEL, 28)), "mm")
         if crowded:
             u0, v0, u1, v1 = extent(label)
-            if min(x1 - x0, 2 * radius * WIDE) < u1 - u0 or min(y1 - y0, 2 * radius) < v1 - v0:
+            if min(x1 - x0, 2 * radius * MAX_OVERHANG) < u1 - u0 or min(y1 - y0, 2 * radius) < v1 - v0:
                 continue
         labels.append(_place(label, free))
     return labels
 
 
 def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, int], float]:
-    """(x, y) of the pixel of `mask` farthest from its border and from what is not `free`, and that distance in px;
-    `anyhow`: what is not free counts too where there is no room."""
+    """(x, y) of the pixel of `mask` farthest from its border and from pixels that are not `free`, and that distance in
+    px; `anyhow`: where there is no room, pixels that are not free are used, too."""
     for candidate in (cv2.bitwise_and(mask, free), mask):
         padded = cv2.copyMakeBorder(candidate, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         _, radius, _, (x, y) = cv2.minMaxLoc(cv2.distanceTransform(padded, cv2.DIST_L2, 3))
@@ -204,7 +204,7 @@ def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, i
 
 @cache
 def font(size: int) -> PIL.ImageFont.FreeTypeFont | PIL.ImageFont.ImageFont:
-    """Pillow's own font, `size` px high."""
+    """The font of all texts, `size` px high."""
     return PIL.ImageFont.load_default(size)
 
 
@@ -227,7 +227,7 @@ def _place(label: Label, free: Pixels) -> Label:
 
 
 def write(panel: Pixels, labels: Sequence[Label]) -> Pixels:
-    """The panel with its labels on it."""
+    """The panel with its labels."""
     picture = PIL.Image.fromarray(panel)
     draw = PIL.ImageDraw.Draw(picture)
     for label in labels:

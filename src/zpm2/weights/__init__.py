@@ -1,4 +1,4 @@
-"""Pre-trained weights: what there is, where it lies, and getting it. The only part of zpm2 that touches a network.
+"""Pre-trained weights: the list of them, their files, and their download. The only room that uses the network.
 
     path = weights.get("mobile_sam")              # the file, fetched and verified on first use
     state = weights.load_state_dict("xfeat")      # its tensors
@@ -46,8 +46,8 @@ def get(
     """The verified file of the weights `name`, fetched into the cache if it is nowhere yet.
 
     `directory` is a folder of the user's own copies (else `ZPM2_WEIGHTS`). `progress(bytes_done, bytes_total)` is
-    called while bytes arrive. `WeightsError`: an unknown name, a licence nobody accepted, a wrong file, no source that
-    answers, a cache that cannot be written.
+    called while bytes arrive. `WeightsError`: an unknown name, a licence that was not accepted, a wrong file, no source
+    that answers, a cache that cannot be written.
     """
     item = entry(name)
     licence.require(item, accept_licence)
@@ -98,7 +98,7 @@ def load_state_dict(
     if isinstance(state, dict) and len(state) == 1 and isinstance(inner := next(iter(state.values())), dict):
         state = inner
     if not isinstance(state, dict) or not all(isinstance(value, torch.Tensor) for value in state.values()):
-        raise WeightsError(f"{path} holds something else than named tensors")
+        raise WeightsError(f"{path} holds something other than named tensors")
     return dict(state)
 
 

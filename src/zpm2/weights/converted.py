@@ -1,4 +1,4 @@
-"""Models made from weights and kept in the cache: a folder with a list of its files, which is checked at each use."""
+"""Models converted from weights and kept in the cache: a folder with a list of its files, checked at each use."""
 
 import json
 import logging
@@ -52,7 +52,7 @@ def converted(name: str, key: str, convert: Callable[[Path], None]) -> Path:
 
 
 def _flaw(folder: Path) -> str | None:
-    """In what a folder is not what a conversion left, or None."""
+    """How a folder differs from what a conversion left, or None."""
     try:
         listed = read_json(folder / LIST)
         if not listed or not isinstance(listed, dict):

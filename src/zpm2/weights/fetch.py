@@ -1,4 +1,4 @@
-"""Getting a file that is not here: ask its sources in order, keep the first right answer, say what each one said."""
+"""Fetch a file that is not here: try its sources in order, keep the first right file, report what each one answered."""
 
 import logging
 import os
@@ -14,7 +14,7 @@ from zpm2.weights.net import QUICK, TIMEOUT, SourceError, Unreachable, body, ope
 from zpm2.weights.store import BadCopy, Progress, cache_dir, keep
 
 _log = logging.getLogger(__name__)
-_REST = 60.0  # seconds in which a hub that could not be reached is not asked again, where another source stands by
+_REST = 60.0  # seconds in which a hub that could not be reached is not tried again, where there is another source
 _hub_rests_until = 0.0  # on the monotonic clock
 
 
@@ -53,7 +53,7 @@ def _chunks(item: Entry, source: Source, progress: Progress | None) -> Generator
 
 
 def _from_hub(item: Entry, source: Hub) -> Generator[bytes]:
-    """The file's bytes from the hub; where another source stands by it must answer soon.
+    """The file's bytes from the hub, which must answer soon where there is another source.
 
     huggingface_hub says where the file is. Its own downloader is not used: it keeps a second copy in its cache, and
     asks for a host that does not resolve six times, in 23 seconds (seen with 2.4).

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urldefrag, urljoin
 from zpm2.files.reading import WRONG, parse_json
 from zpm2.weights.manifest import Carrier
 
-PAGE = 2**20  # bytes; each file of a project takes some hundred
+MAX_PAGE = 2**20  # bytes; each file of a project takes some hundred
 ACCEPT = "application/vnd.pypi.simple.v1+json, application/vnd.pypi.simple.v1+html;q=0.2, text/html;q=0.1"
 
 
@@ -40,7 +40,7 @@ def _of_json(page: Any) -> tuple[str, list[tuple[str, str]]]:
     _require_version(page["meta"]["api-version"])
     files = [(file["filename"], file["url"]) for file in page["files"]]
     if not all(isinstance(text, str) for file in files for text in file):
-        raise ValueError("its names and addresses are no texts")
+        raise ValueError("its names and addresses are not text")
     return "", files
 
 
@@ -71,7 +71,7 @@ class _Links(HTMLParser):
 
 def _require_version(version: object) -> None:
     if not isinstance(version, str) or not re.fullmatch(r"1\.\d{1,9}", version):
-        raise ValueError("it is of a version that we do not know")
+        raise ValueError("its version is not known")
 
 
 def _is(name: str, source: Carrier) -> bool:

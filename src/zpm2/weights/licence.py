@@ -1,4 +1,4 @@
-"""Licences that must be accepted once, and the record that they were.
+"""Licences that must be accepted once, and the record of it.
 
 The record is the file `accepted-licences.txt` in the cache, one licence a line: accepting SuperPoint's licence for one
 of its two files accepts it for both.

@@ -1,4 +1,4 @@
-"""What pre-trained files exist, what they must look like, under which licence, and who offers them.
+"""The list of pre-trained files: size, hash, licence and sources of each.
 
 Every entry is one file. Size and sha256 were read from the file itself and are the only thing that decides whether a
 copy is the right one, wherever it comes from.

@@ -1,8 +1,8 @@
-"""The one way in which bytes come over the network: bounded in time and number, and failures told in a few words.
+"""Every download passes through here: bounded in time and size, and with short error messages.
 
-No server is relied on. Every byte of every answer, those of its head too, passes a meter (`_Metered`), which cuts
-answers that come slower than `SLOWEST` or do not end. So an answer is over after `WINDOW` + its bound / `SLOWEST`
-seconds, whatever is sent; who sends a byte a second is cut after `WINDOW`.
+No server is trusted. Every byte of every answer, its head included, passes a meter (`_Metered`), which cuts answers
+that come slower than `SLOWEST` or do not end. So an answer is over after `WINDOW` + its bound / `SLOWEST`
+seconds, whatever is sent; a server that sends a byte a second is cut after `WINDOW`.
 """
 
 import gzip
@@ -38,7 +38,7 @@ class SourceError(Zpm2Error):
 
 
 class Unreachable(SourceError):
-    """The source's host could not be reached, or hardly."""
+    """The source's host could not be reached, or was too slow."""
 
 
 class NotThere(SourceError):
@@ -89,7 +89,7 @@ def open_session(most: int) -> Any:
 def answer(
     session: Any, url: str, timeout: tuple[float, float] = TIMEOUT, headers: dict[str, str] | None = None
 ) -> Iterator[Any]:
-    """The answer to GET, its body not yet read. `SourceError` if it is none of success."""
+    """The answer to GET, its body not yet read. `SourceError` if it reports a failure."""
     with told_briefly(url):
         response = session.get(url, stream=True, timeout=timeout, headers=headers)
     with response:
@@ -101,7 +101,7 @@ def answer(
 def content(response: Any, url: str, most: int, progress: Progress | None = None) -> Generator[bytes]:
     """The bytes of an answer's body, in order. `SourceError` if they do not all come, or are more than `most`.
 
-    `progress` is told of them where the server says how many there are.
+    `progress` is called where the server announces their number.
     """
     done, total = 0, response.raw.length_remaining or 0  # as urllib3 reads Content-Length, doubled or bad ones too
     chunks = response.iter_content(_BLOCK)
@@ -149,7 +149,7 @@ class RemoteFile(io.RawIOBase):
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
         if self._at < 0:
-            raise OSError("a position before the file's begin")
+            raise OSError("a position before the beginning of the file")
         return self._at
 
     def readinto(self, buffer: Any) -> int:
@@ -176,9 +176,9 @@ class RemoteFile(io.RawIOBase):
 
 
 class _Metered(io.RawIOBase):
-    """What a connection brings as one answer. `_TooSlow`, `_TooMuch`.
+    """The bytes of one answer. Raises `_TooSlow` and `_TooMuch`.
 
-    Only time spent waiting counts, not what is done with the bytes meanwhile.
+    Only time spent waiting counts, not the processing of the bytes.
     """
 
     def __init__(self, raw: io.RawIOBase, most: int) -> None:
@@ -209,10 +209,10 @@ class _Metered(io.RawIOBase):
 
 @contextmanager
 def told_briefly(url: str) -> Iterator[None]:
-    """Turn whatever network, archives, servers and the libraries that read them raise into a `SourceError`.
+    """Turn every exception of the network, of archives and of the libraries that read them into a `SourceError`.
 
-    That includes what those libraries do not raise on purpose, as with bytes of strangers nobody knows what that is;
-    the log has its traceback at the level DEBUG. So only calls that read foreign bytes belong inside.
+    That includes exceptions which those libraries do not raise on purpose, as foreign bytes may cause any; the log has
+    their traceback at the level DEBUG. So only calls that read foreign bytes belong inside.
     """
     import requests
     import urllib3
@@ -253,9 +253,9 @@ def told_briefly(url: str) -> Iterator[None]:
         code = error.response.status_code if error.response is not None else "with an error"
         raise (NotThere if code == 404 else SourceError)(f"{host} answered {code}") from error
     except exceptions.TooManyRedirects as error:
-        raise SourceError(f"{host} sends us from one address to the next") from error
+        raise SourceError(f"{host} redirects too often") from error
     except no_address as error:
-        raise SourceError(f"{host} is, or sends us to, what is no address of the web") from error
+        raise SourceError(f"{host} is no web address, or redirects to what is none") from error
     except (requests.RequestException, urllib3.exceptions.HTTPError) as error:  # its text may hold credentials
         raise SourceError(f"{host}: {type(error).__name__}") from error
     except OSError as error:
@@ -266,7 +266,7 @@ def told_briefly(url: str) -> Iterator[None]:
 
 
 def host_of(url: str) -> str:
-    """How messages name the server: credentials are never said."""
+    """The server's name for messages, without credentials."""
     try:
         return (urlsplit(url).hostname or "")[:100] or "an address without a host"
     except ValueError:

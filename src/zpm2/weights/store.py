@@ -1,4 +1,4 @@
-"""The folders in which weights lie: the user's own and our cache. Finding, verifying and keeping files; no network.
+"""The folders with weights, the user's own and the cache: finding, verifying and keeping files. No network.
 
 The cache is `ZPM2_CACHE`, else the platform's cache folder for zpm2; weights lie in its subfolder `weights`. A file is
 the right one when its size and sha256 agree with the manifest. To spare hashing gigabytes at each start, a marker
@@ -32,11 +32,11 @@ class Status(NamedTuple):
 
 
 class BadCopy(Exception):
-    """A file or download that is not what the manifest says; the text says in what it differs."""
+    """A file or download that differs from the manifest; the text says how."""
 
 
 def cache_dir() -> Path:
-    """The folder of our own copies. It need not exist yet."""
+    """The folder of downloaded copies. It need not exist yet."""
     root = os.environ.get("ZPM2_CACHE")
     if root:
         return Path(root).expanduser() / "weights"
@@ -95,8 +95,8 @@ def find(item: Entry, directory: str | Path | None = None, *, rehash: bool = Fal
 def keep(item: Entry, chunks: Iterable[bytes], progress: Progress | None = None) -> Path:
     """Write a download into the cache under a temporary name, verify it, and give it its name in one step.
 
-    `chunks` says its own failures as `SourceError`, which passes through; an `OSError` here is the cache's and becomes
-    `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
+    `chunks` raises its own failures as `SourceError`, which passes through; an `OSError` here comes from the cache and
+    becomes `WeightsError`. `BadCopy` if the bytes are not the manifest's. Nothing half-written stays behind.
     """
     from zpm2.files.record import temporary_folder  # here, as zpm2.formats loads OpenCV
 
