@@ -14,12 +14,12 @@ from zpm2.segment.sam import SamView, decoded_size, upsample
 
 @dataclass(frozen=True)
 class Region:
-    """`score` and `stability` are what the segmenter says of it; a `shy` one answers only to a box around it."""
+    """`score` and `stability` are the segmenter's; only a box around it finds a `prompt_only` one."""
 
     shape: shapely.Polygon  # image px
     score: float = 0.95
     stability: float = 0.97
-    shy: bool = False
+    prompt_only: bool = False
 
 
 @dataclass
@@ -58,7 +58,7 @@ class PaintedView:
 
     def _answers(self, n: int, box: shapely.Polygon | None) -> bool:
         if box is None:
-            return not self.regions[n].shy
+            return not self.regions[n].prompt_only
         own = shapely.box(*self.regions[n].shape.bounds)
         return bool(own.intersection(box).area >= 0.5 * own.union(box).area)
 
@@ -83,7 +83,7 @@ class PaintedSegmenter:
 
     def segment(self, image: Image) -> list[Mask]:
         view = self.view(image)
-        return [Mask(0, 0, bits_of(r.shape, image), r.score) for r in view.regions if not r.shy]
+        return [Mask(0, 0, bits_of(r.shape, image), r.score) for r in view.regions if not r.prompt_only]
 
 
 def bits_of(shape: shapely.Polygon, image: Image) -> NDArray[np.bool_]:

@@ -316,7 +316,7 @@ def painted_pair() -> tuple[PaintedSegmenter, PaintedView, PaintedView]:
     views = []
     for n, (image, moved) in enumerate(zip(images, (0, -24), strict=True)):
         shapes = [shapely.affinity.translate(cell, moved) for cell in cells]
-        views.append(PaintedView(image, [Region(shape, shy=k % 3 == n) for k, shape in enumerate(shapes)]))
+        views.append(PaintedView(image, [Region(shape, prompt_only=k % 3 == n) for k, shape in enumerate(shapes)]))
     return PaintedSegmenter(views), views[0], views[1]
 
 

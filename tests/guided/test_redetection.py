@@ -28,11 +28,13 @@ def moved(shape):
     return shapely.transform(shape, lambda xy: geometry.project(H, xy))
 
 
-def scene(left_shy=(), right_shy=(), points=600, size=256):
-    """16 regions in both images; the `shy` ones are found only by asking for them."""
+def scene(left_hidden=(), right_hidden=(), points=600, size=256):
+    """16 regions in both images; only prompts with their boxes find the `hidden` ones."""
     shapes = [cell(x, y) for x, y in CELLS]
-    left = PaintedView(blank(size, size, 1), [Region(s, shy=k in left_shy) for k, s in enumerate(shapes)])
-    right = PaintedView(blank(size, size, 2), [Region(moved(s), shy=k in right_shy) for k, s in enumerate(shapes)])
+    left = PaintedView(blank(size, size, 1), [Region(s, prompt_only=k in left_hidden) for k, s in enumerate(shapes)])
+    right = PaintedView(
+        blank(size, size, 2), [Region(moved(s), prompt_only=k in right_hidden) for k, s in enumerate(shapes)]
+    )
     at = np.random.default_rng(0).uniform(0, 256, (points, 2))
     known = PointMatches(at, geometry.project(H, at), np.ones(points))
     consistent = np.ones(points, bool)
@@ -44,7 +46,7 @@ def match(left, right):
 
 
 def test_the_second_image_is_asked_about_the_regions_of_the_first():
-    views, initial = scene(right_shy=range(16))
+    views, initial = scene(right_hidden=range(16))
     pair = redetection.detect(views, initial, CONFIG)
     assert len(pair.left) == len(pair.right) == 16
     assert not pair.left.guided.any()
@@ -65,7 +67,7 @@ def test_regions_that_only_the_second_image_shows_are_filled_in_by_its_grid():
 
 
 def test_the_first_image_is_asked_about_the_unmatched_regions_of_the_second():
-    views, initial = scene(left_shy=range(10))
+    views, initial = scene(left_hidden=range(10))
     pair = redetection.detect(views, initial, CONFIG)
     assert (len(pair.left), len(pair.right)) == (6, 16)
     found = {p.id: q for p in pair.left.polygons for q in [nearest(p, pair)]}
@@ -93,7 +95,7 @@ def test_what_is_a_region_already_is_not_found_again():
 
 
 def test_an_answer_that_does_not_agree_is_refused():
-    views, initial = scene(right_shy=range(16))
+    views, initial = scene(right_hidden=range(16))
     views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
     views[1].__post_init__()
     wide = redetection.detect(views, initial, CONFIG)
@@ -104,7 +106,7 @@ def test_an_answer_that_does_not_agree_is_refused():
 
 def test_without_points_the_way_back_must_lead_home():
     """The points all lie in the left half. The right half moves further than they say, onto regions that look alike."""
-    views, initial = scene(right_shy=range(16))
+    views, initial = scene(right_hidden=range(16))
     near = initial.points.left[:, 0] < 100
     initial = dataclasses.replace(initial, points=initial.points[near], consistent=np.ones(near.sum(), bool))
     pair = redetection.detect(views, initial, CONFIG)

@@ -11,7 +11,7 @@ from painted import PaintedView, Region, blank
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
-from zpm2.segment.automatic import automatic_masks, distinct, grid
+from zpm2.segment.automatic import automatic_masks, grid, without_duplicates
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 
 FULL = SegmentConfig(quality="full", grid=16, min_area=30.0)
@@ -179,4 +179,4 @@ def test_distinct_equals_a_plain_reading(seed: int, n: int) -> None:
         unions = [(logits[i] > 0) | (logits[k] > 0) for k in kept]
         if all(a.sum() <= FULL.nms_iou * b.sum() for a, b in zip(overlaps, unions, strict=True)):
             kept.append(int(i))
-    assert list(distinct(predictions, rank, FULL, view).prompt) == kept
+    assert list(without_duplicates(predictions, rank, FULL, view).prompt) == kept

@@ -34,6 +34,7 @@ class PromptConfig:
         unit="px of a decoded mask",
         check=_above_zero,
     )
+    blob_distance: float = number(1.5, "from a blob to the next one of its scale, at least", unit="sigmas", above=True)
     min_blob_contrast: float = number(
         0.5, "difference of a blob from its surroundings; no one sees less", unit="CIELAB"
     )

@@ -78,7 +78,7 @@ def detect(
     found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
     left = _regions(views[0], found, config, 0)
     accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
-    known = automatic.distinct(accepted.predictions, accepted.overlap, segment, views[1])
+    known = automatic.without_duplicates(accepted.predictions, accepted.overlap, segment, views[1])
     found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))
     return PromptedPair(left, _regions(views[1], found, config, len(known)))
 
@@ -99,7 +99,7 @@ def redetect(
     accepted = accepted_masks(left.view, prompting, initial.backward(), initial.forward(), config)
     n = len(left)
     rank = np.append(2 + np.arange(n, 0.0, -1.0), accepted.overlap)
-    merged = automatic.distinct(
+    merged = automatic.without_duplicates(
         MaskPredictions.join([left.predictions, accepted.predictions]), rank, config.segment, left.view
     )
     new = _regions(left.view, merged[np.arange(n, len(merged))], config, len(merged))

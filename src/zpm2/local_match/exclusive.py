@@ -112,9 +112,7 @@ def order(ids: Sequence[int], confidence: Array, parts: Sequence[NDArray[np.int6
     n = len(ids)
     pairs = np.unique(np.concatenate([np.zeros((0, 2), np.int64), *parts]), axis=0)
     pairs = pairs[size[pairs[:, 0]] < size[pairs[:, 1]]]
-    pairs = pairs[
-        np.argsort(-size[pairs[:, 1]], kind="stable")
-    ]  # a whole has inherited its rank before it passes it on
+    pairs = pairs[np.argsort(-size[pairs[:, 1]], kind="stable")]  # a whole inherits its rank before it passes it on
     rank = confidence.tolist()
     waiting = [0] * n
     wholes: list[list[int]] = [[] for _ in range(n)]

@@ -11,8 +11,8 @@ from zpm2.model import Polygon
 
 
 def with_parents(polygons: Sequence[Polygon], config: VectorizeConfig) -> list[Polygon]:
-    """The same polygons with their parents: the id of the smallest larger polygon that contains one, up to the share
-    `config.min_contained` of its area."""
+    """The same polygons with their parents: the id of the smallest larger polygon that holds at least the share
+    `config.min_contained` of one's area."""
     if not polygons:
         return []
     shapes = np.array([p.shape for p in polygons], object)

@@ -54,7 +54,7 @@ def automatic_masks(
     del found
     rank = predictions.score.astype(np.float64)
     rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
-    return distinct(predictions, rank, config, view)
+    return without_duplicates(predictions, rank, config, view)
 
 
 def _predict_selected(
@@ -133,7 +133,7 @@ def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
     return np.c_[(x.ravel()[order] + 0.5) * size[1] / n, (y.ravel()[order] + 0.5) * size[0] / n]
 
 
-def distinct(
+def without_duplicates(
     predictions: MaskPredictions, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView
 ) -> MaskPredictions:
     """One mask per region, highest `rank` (n,) first: of masks that overlap by more than `config.nms_iou`, the one of

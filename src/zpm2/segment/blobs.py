@@ -38,7 +38,7 @@ def blobs(image: Image, valid: NDArray[np.bool_], config: PromptConfig) -> Blobs
     for sigma in config.blob_sigmas:
         difference = cv2.GaussianBlur(lab, (0, 0), sigma) - cv2.GaussianBlur(lab, (0, 0), 2 * sigma)
         strength = np.linalg.norm(difference, axis=2)
-        side = 2 * round(1.5 * sigma) + 1
+        side = 2 * round(config.blob_distance * sigma) + 1
         window = np.ones((side, side), np.uint8)
         peak = (strength == cv2.dilate(strength, window)) & (strength >= config.min_blob_contrast)
         row, column = np.nonzero(peak & (cv2.erode(holds, window) > 0))
