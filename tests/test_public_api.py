@@ -18,7 +18,6 @@ MODULES = (  # those that the README and the docs speak of
     *("zpm2", "zpm2.config", "zpm2.errors", "zpm2.model", "zpm2.result", "zpm2.features", "zpm2.baselines"),
     *("zpm2.pose", "zpm2.cloud", "zpm2.reconstruct", "zpm2.evaluate", "zpm2.weights"),
 )
-# The fields of the configuration are listed by docs/configuration.md, which has a test of its own.
 PLAIN = (bool, int, float, str, tuple, type(None))
 
 
@@ -31,7 +30,7 @@ def _module(name: str) -> Iterator[str]:
     module = import_module(name)
     names = getattr(module, "__all__", None) or [n for n in vars(module) if _is_own(module, n)]
     yield f"[{name}]"
-    for public in sorted(names):
+    for public in sorted(names):  # docs/configuration.md lists the stages of the configuration, with a test of its own
         if public != "__version__" and not (name == "zpm2.config" and public.endswith("Config")):
             yield from _described(public, getattr(module, public))
     yield ""
