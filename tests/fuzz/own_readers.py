@@ -122,7 +122,7 @@ def _folders() -> list[Reader]:
         Reader("claim of a reconstruction", ({"reconstruct.json": json.dumps(claimed).encode()},), claim),
         Reader(
             "points of a reconstruction",
-            ({"fused.ply": header + bytes(points * workspace.RECORD + 1)},),
+            ({"fused.ply": header + bytes(points * workspace.POINT_BYTES + 1)},),
             lambda folder: workspace._points(only(folder)),
         ),
         Reader("model of a reconstruction", ({**model, hidden: made_model},), lambda folder: read_sparse(folder / "0")),

@@ -65,7 +65,7 @@ def test_shared_errors_count_once() -> None:
 
 def test_it_is_as_sure_as_it_says_where_errors_are_alike_in_large_parts() -> None:
     """A lens that the camera does not know moves neighbours alike; outliers and points that are kept for their fit do
-    not make it surer."""
+    not make it more certain."""
     ratios = []
     for seed in range(20):
         of = views(seed, n=600, noise=0.2, outliers=0.1)

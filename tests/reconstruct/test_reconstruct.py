@@ -227,14 +227,14 @@ def test_what_is_there_and_unusable_is_made_again(workspace: Path, name: str, co
     assert (workspace / name).stat().st_size > 10_000
 
 
-def test_each_step_looks_at_what_it_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_step_checks_its_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paths = boards.write(tmp_path / "photographs", 3)
     known = {path.name: camera for path, camera in zip(paths, boards.cameras(3), strict=True)}
     config, ws = Config(reconstruct=ReconstructConfig(max_size=120, poisson_depth=6)), tmp_path / "ws"
 
     with monkeypatch.context() as patch:
         patch.setattr(pycolmap, "undistort_images", lambda folder, *_, **__: (folder / "images").mkdir(parents=True))
-        with pytest.raises(InputError, match="undistorted 0 of 3 photographs only"):
+        with pytest.raises(InputError, match="undistorted only 0 of 3 photographs"):
             reconstruct(paths, ws, config, known)
     assert not (ws / "dense").exists()
     with monkeypatch.context() as patch:

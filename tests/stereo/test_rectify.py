@@ -4,13 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_relative import PLAIN
 from views import SIZE, matched, rotation, views
 
+from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image
 from zpm2.pose import PoseFinder, PoseResult, RectifiedPair, rectify
 
+PLAIN = Config(pose=PoseConfig(crops="off"))
 BENT = np.array([-0.1, 0.02, 0.001, -0.001])
 
 

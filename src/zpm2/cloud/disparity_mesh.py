@@ -48,6 +48,6 @@ def disparity_mesh(disparity: Disparity, rig: Rig, config: CloudConfig) -> Surfa
     second = [(a, e, b, sides[3] & other & sides[0] & neither), (b, e, c, other & sides[2] & sides[1] & neither)]
     faces = np.concatenate([np.stack([p[ok], q[ok], r[ok]], axis=1) for p, q, r, ok in first + second])
     if len(faces) == 0:
-        raise InputError("the disparity map shows no surface: its known pixels do not hang together")
+        raise InputError("the disparity map shows no surface: no two of its neighbouring pixels are joined")
     used, inverse = np.unique(faces, return_inverse=True)
     return SurfaceMesh.of(points[used], inverse.reshape(-1, 3), "disparity mesh")

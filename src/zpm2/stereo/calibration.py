@@ -40,7 +40,7 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Rig:
 
 
 def _kitti_size(values: dict[str, str], path: Path) -> tuple[int, int] | None:
-    """px, of calib_cam_to_cam.txt; calib.txt does not say."""
+    """px, from calib_cam_to_cam.txt; calib.txt has none."""
     if "S_rect_02" not in values:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Whether a camera is one of its image: what cannot be is refused, what is odd is said."""
+"""Whether a camera fits its image: impossible cameras are refused, unusual ones get a warning."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +10,22 @@ from zpm2.photos import pictures
 Array = NDArray[np.float64]
 Size = tuple[int, int]  # width, height, px
 
-COEFFICIENTS = (0, 1, 2, 4, 5, 8)  # of distortion: none, k1, k1 k2, k1 k2 p1 p2, and k3, and k4 k5 k6
-FOCAL = 0.1, 200.0  # of the longer side: a lens with straight lines has no other focal length
-USUAL_FOCAL = 0.25, 20.0
-OFF_CENTRE, ON_CENTRE = 0.15, 0.08  # of a side, a principal point that speaks against and for an image
-TELLING = 0.04  # of a side, by which a principal point must be off before another size is thought of
-UNBENT = 1.0  # px by which a point at the border may move when its distortion is undone and done again
+COEFFICIENT_COUNTS = (0, 1, 2, 4, 5, 8)  # of distortion: none, k1, k1 k2, k1 k2 p1 p2, and k3, and k4 k5 k6
+# focal lengths of lenses that keep lines straight, and of usual ones, times the longer side
+POSSIBLE_FOCAL, USUAL_FOCAL = (0.1, 200.0), (0.25, 20.0)
+# distance of a principal point from the middle, of a side: too far for this image, and near enough for it
+OFF_CENTRE, ON_CENTRE = 0.15, 0.08
+MIN_OFFSET = 0.04  # the same, below which no other size is considered
+SQUARE_PIXELS = 0.5, 2.0  # ratios of focal lengths outside of which pixels are unusually far from square
+MAX_ROUND_TRIP = 1.0  # px by which a point at the border may move when its distortion is undone and applied again
 ORIENTATION = 0x0112  # the EXIF tag
 
 
 def checked(camera: Camera, name: str = "K", image: str | None = None) -> Camera:
     """The same camera; `InputError` if it cannot be one of an image of its size.
 
-    A camera belongs to the pixels that the file stores, whatever its EXIF orientation says: one of the image as it is
-    shown, its sides exchanged, is refused. `image` is the file that the message asks for this orientation.
+    A camera belongs to the pixels as the file stores them, whatever its EXIF orientation: one for the image as viewers
+    show it, with its sides exchanged, is refused. `image` is the file whose orientation the message names.
     """
     k, (width, height) = camera.matrix, camera.size
     if k.shape != (3, 3):
@@ -35,7 +37,7 @@ def checked(camera: Camera, name: str = "K", image: str | None = None) -> Camera
     if k[1, 0] or k[2].tolist() != [0, 0, 1]:
         raise InputError(f"{name} must be [fx s cx; 0 fy cy; 0 0 1] in px, got {_flat(k)}")
     count = len(camera.distortion)
-    if count not in COEFFICIENTS:
+    if count not in COEFFICIENT_COUNTS:
         raise InputError(
             f"{name} has {count} coefficients of distortion: give k1; k1,k2; k1,k2,p1,p2; the same with k3; or the "
             "same with k3,k4,k5,k6"
@@ -52,7 +54,7 @@ def checked(camera: Camera, name: str = "K", image: str | None = None) -> Camera
         )
     longer = max(width, height)
     for focal in (k[0, 0], k[1, 1]):
-        if not FOCAL[0] * longer < focal < FOCAL[1] * longer:
+        if not POSSIBLE_FOCAL[0] * longer < focal < POSSIBLE_FOCAL[1] * longer:
             raise InputError(f"{name} has a focal length of {focal:g} px for {width} x {height} px: it must be in px")
     return camera
 
@@ -69,31 +71,33 @@ def fitting_size(camera: Camera, size: Size, name: str, image: str) -> Camera:
 
 
 def doubts(camera: Camera, name: str = "K") -> list[str]:
-    """What is odd about a camera that `checked` lets pass, in sentences."""
-    k, (width, height), said = camera.matrix, camera.size, []
+    """What is unusual about a camera that `checked` accepts, in sentences."""
+    k, (width, height), warnings = camera.matrix, camera.size, []
     where = f"of the image of {width} x {height} px"
     off = off_centre(camera, camera.size)
     if off > OFF_CENTRE:
-        said.append(
+        warnings.append(
             f"{name} has its principal point at ({k[0, 2]:g}, {k[1, 2]:g}), {100 * off:.0f} % of a side from the "
             f"middle {where}: was it made for another size?"
         )
     low, high = USUAL_FOCAL
     if not low * max(width, height) <= camera.focal <= high * max(width, height):
-        said.append(f"{name} has a focal length of {camera.focal:g} px, unusual for the size {where}: is it in px?")
-    if not 0.5 < k[0, 0] / k[1, 1] < 2:
-        said.append(f"{name} has focal lengths {k[0, 0]:g} and {k[1, 1]:g} px: pixels are rarely that far from square")
+        warnings.append(f"{name} has a focal length of {camera.focal:g} px, unusual for the size {where}: is it in px?")
+    if not SQUARE_PIXELS[0] < k[0, 0] / k[1, 1] < SQUARE_PIXELS[1]:
+        warnings.append(
+            f"{name} has focal lengths {k[0, 0]:g} and {k[1, 1]:g} px: pixels are rarely that far from square"
+        )
     moved = _moved(camera)
-    if not moved <= UNBENT:
-        said.append(
+    if not moved <= MAX_ROUND_TRIP:
+        warnings.append(
             f"{name} has a distortion that cannot be undone at the border {where} (off by {moved:.0f} px): are these "
             "its coefficients?"
         )
-    return said
+    return warnings
 
 
 def orientation(image: str | None) -> int:
-    """The EXIF orientation of a picture file, 1 to 8; 1 where there is no telling."""
+    """The EXIF orientation of a picture file, 1 to 8; 1 where it cannot be read."""
     if image is None:
         return 1
     try:
@@ -110,9 +114,9 @@ def off_centre(camera: Camera, size: Size) -> float:
 
 
 def _turned(camera: Camera) -> bool:
-    """Whether the principal point is that of the image with its sides exchanged."""
+    """Whether the principal point fits the image with its sides exchanged."""
     here, there = off_centre(camera, camera.size), off_centre(camera, camera.size[::-1])
-    return there < ON_CENTRE and here > max(TELLING, 2 * there)
+    return there < ON_CENTRE and here > max(MIN_OFFSET, 2 * there)
 
 
 def _shown(image: str | None) -> str:
@@ -121,7 +125,7 @@ def _shown(image: str | None) -> str:
 
 
 def _moved(camera: Camera) -> float:
-    """px by which points along the border move when the distortion is undone and done again."""
+    """px by which points along the border move when the distortion is undone and applied again."""
     if not camera.distortion.any():
         return 0.0
     t, (width, height) = np.linspace(0, 1, 9), camera.size

@@ -1,4 +1,4 @@
-"""A camera from what people have: numbers, a matrix file, a COLMAP model, EXIF, or an assumption that is called one."""
+"""A camera from numbers, a matrix file, a COLMAP model or EXIF, or guessed, which its `source` says."""
 
 import os
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from zpm2.stereo.camera_check import OFF_CENTRE, ON_CENTRE, checked, fitting_siz
 Array = NDArray[np.float64]
 Size = tuple[int, int]  # width, height, px
 
-GUESS = 1.2  # focal length over the longer side, where it is guessed: COLMAP's default, a field of view of 45 degrees
+GUESSED_FOCAL = 1.2  # times the longer side: COLMAP's default, a field of view of 45 degrees
 FULL_FRAME = 43.266615  # mm, diagonal of 36 x 24 mm, to which "35 mm equivalent" refers (CIPA DCG-001)
 EXIF_IFD, MODEL, UNITS = 0x8769, 0x0110, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # mm per unit of resolution
 FOCAL, FOCAL_35, PLANE_X, PLANE_UNIT, WIDTH, HEIGHT = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002, 0xA003
 SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of a matrix by its numbers
 OTHER_ORDERS = {"fx,cx,fy,cy": (0, 2, 1, 3), "cx,cy,fx,fy": (2, 3, 0, 1)}  # and where our four are in them
-SQUARE = 0.05  # by which two focal lengths of square pixels may differ
+SQUARE_TOLERANCE = 0.05  # share by which two focal lengths of square pixels may differ
 
 
 def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, name: str = "K") -> Camera:
@@ -36,10 +36,10 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         a matrix (3 x 3, or 3 x 4 or 4 x 4 with it in the corner, as text or .npy; JSON with "matrix" and maybe
         "distortion", "width", "height"); a COLMAP model (its folder, cameras.txt or cameras.bin); "exif"; or "guess", a
         focal length of 1.2 times the longer side.
-    centers: where the numbers or the matrix have the centre of the first pixel, 0.5 or 0 (OpenCV). COLMAP has 0.5.
+    centers: coordinate of the centre of the first pixel for the numbers or the matrix: 0.5, as COLMAP, or 0 (OpenCV).
 
-    `InputError` says what is wrong, and calls the camera `name`: among others where it fits another size or the image
-    as its EXIF orientation shows it.
+    `InputError` calls the camera `name` and says what is wrong, for example that it fits another size, or the image as
+    its EXIF orientation shows it.
     """
     if text in ("exif", "guess"):
         found = from_exif(image, size) if text == "exif" else guess(size)
@@ -81,8 +81,8 @@ def refuse_swapped(cameras: tuple[Camera, Camera]) -> None:
 
 
 def guess(size: Size) -> Camera:
-    """A camera about which nothing is known: 1.2 times the longer side, principal point in the middle."""
-    return centred(GUESS * max(size), size, "guess")
+    """A camera of which nothing is known: focal length 1.2 times the longer side, principal point in the middle."""
+    return centred(GUESSED_FOCAL * max(size), size, "guess")
 
 
 def from_exif(image: str | Path, size: Size) -> Camera | Failed:
@@ -130,7 +130,7 @@ def _refuse_other_order(values: Array, size: Size, name: str) -> None:
     def plausible(order: Sequence[int]) -> bool:
         fx, fy, cx, cy = values[list(order)]
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-        square = fx > 0 and fy > 0 and abs(fx / fy - 1) < SQUARE
+        square = fx > 0 and fy > 0 and abs(fx / fy - 1) < SQUARE_TOLERANCE
         return square and off_centre(Camera(matrix, size), size) < ON_CENTRE
 
     if np.isfinite(values).all() and not plausible(range(4)):
@@ -141,8 +141,8 @@ def _refuse_other_order(values: Array, size: Size, name: str) -> None:
 
 
 def _from_file(path: Path, name: str, size: Size) -> tuple[Array, Array, Size]:
-    """The matrix of a file, the coefficients of distortion beside it, and the size it was made for: `size`, where the
-    file does not say."""
+    """The matrix of a file, the coefficients of distortion beside it, and the size that it was made for: `size`, if
+    the file has none."""
     distortion = np.zeros(0)
     try:
         if path.suffix.lower() == ".npy":

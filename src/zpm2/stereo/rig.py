@@ -10,7 +10,7 @@ from zpm2.errors import InputError
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
-Disparity = NDArray[np.float32]
+RECTIFIED_TOLERANCE = 0.01  # of the focal length, by which focal lengths and cy of both cameras may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Rig:
 
     left: Camera
     right: Camera
-    baseline: float  # in the unit that the cloud shall have
+    baseline: float  # its unit is that of depths and of the cloud
 
     @property
     def offset(self) -> float:
@@ -33,14 +33,14 @@ class Rig:
         return PosedCamera(self.left, np.eye(3), np.zeros(3)), PosedCamera(self.right, np.eye(3), shift)
 
     def depth(self, disparity: Any) -> Any:
-        """Z = f B / (d + doffs); NaN where that is not before the cameras."""
+        """Z = f B / (d + doffs); NaN where that is behind the cameras."""
         with np.errstate(divide="ignore", invalid="ignore"):
             z = self.left.matrix[0, 0] * self.baseline / (disparity + self.offset)
             return np.where(z > 0, z, np.nan)
 
 
 def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
-    """A rig of two cameras; `InputError` where they are none of a rectified pair."""
+    """A rig of two cameras; `InputError` where they are not those of a rectified pair."""
     if left.size != right.size:
         raise InputError(
             f"images of a rectified pair have one size, these have {left.size} and {right.size} px: rectify it"
@@ -48,7 +48,7 @@ def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
     if not 0 < baseline < float("inf"):
         raise InputError(f"the baseline of a rectified pair is a length above 0, got {baseline:g}: correct it")
     a, b = left.matrix, right.matrix
-    if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > 0.01 * a[0, 0]:
+    if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > RECTIFIED_TOLERANCE * a[0, 0]:
         raise InputError("a rectified pair has one focal length and one cy: rectify it first (zpm2 pose --rectify)")
     if left.distortion.any() or right.distortion.any():
         raise InputError("a rectified pair has no distortion left: rectify it first (zpm2 pose --rectify)")
