@@ -69,10 +69,10 @@ def networks() -> Iterator[None]:
     """The segmenter's networks are compiled once for all commands."""
     opened: dict[tuple[object, ...], object] = {}
 
-    def once(model: str, backend: str, device: str, *told: object) -> object:
-        key = model, backend, device
+    def once(segment: config.SegmentConfig, device: str, *told: object) -> object:
+        key = segment.model, segment.backend, device
         if key not in opened:
-            opened[key] = sam_backend.open_backend(model, backend, device, *told)
+            opened[key] = sam_backend.open_backend(segment, device, *told)
         return opened[key]
 
     with pytest.MonkeyPatch.context() as patch:
