@@ -36,7 +36,7 @@ class Published(TorchBackend):
     """The decoder as it was published: nothing computed once for an image, every mask decoded."""
 
     def __init__(self, model: str, device: str) -> None:
-        super().__init__(model, device)
+        super().__init__(model, 16, device)
         self.sam = load_sam(model).to(self.device)
 
     def image(self, pixels: NDArray[np.float32]) -> Any:

@@ -115,8 +115,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         candidates: dict[str, Any] = {
             "torch, as published": Kornia(options.model),
-            "torch, cut": Cut(TorchBackend(options.model, "cpu")),
-            "OpenVINO, cut": Cut(OpenVinoBackend(options.model, print)),
+            "torch, cut": Cut(TorchBackend(options.model, 16, "cpu")),
+            "OpenVINO, cut": Cut(OpenVinoBackend(options.model, 16, print)),
         }
         if all(find_spec(name) for name in ("onnx", "onnxscript", "onnxruntime")):
             candidates["ONNX Runtime, cut"] = Cut(OnnxBackend(options.model, Path(folder)))

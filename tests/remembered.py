@@ -7,6 +7,7 @@ from copy import copy
 
 import pytest
 
+from zpm2.config import SegmentConfig
 from zpm2.model import Image
 from zpm2.segment import sam, sam_backend
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
@@ -21,10 +22,10 @@ def remembered() -> Iterator[None]:
     found: dict[tuple[object, ...], MaskPredictions] = {}
     predict = SamView.predict
 
-    def open_once(model: str, backend: str, device: str, *more: object) -> sam_backend.SamBackend:
-        key = model, backend, device
+    def open_once(config: SegmentConfig, device: str, *more: object) -> sam_backend.SamBackend:
+        key = config.model, config.backend, device
         if key not in opened:
-            opened[key] = sam_backend.open_backend(model, backend, device, *more)  # type: ignore[arg-type]
+            opened[key] = sam_backend.open_backend(config, device, *more)  # type: ignore[arg-type]
         return opened[key]
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:

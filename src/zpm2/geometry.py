@@ -193,6 +193,7 @@ def cross_matrix(vector: Array) -> Array:
 
 def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
     """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
+    # confidence, iterations and samples are above OpenCV's defaults: pairs have many wrong points
     params = cv2.UsacParams()
     params.score = cv2.SCORE_METHOD_MAGSAC
     params.sampler = cv2.SAMPLING_UNIFORM

@@ -79,7 +79,7 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
     with torch.inference_mode():
         sam = load_sam("mobile_sam")
         masks, iou = decode(sam, sam.image_encoder(picture))
-    for backend in (TorchBackend("mobile_sam", "cpu"), OpenVinoBackend("mobile_sam", print)):
+    for backend in (TorchBackend("mobile_sam", 16, "cpu"), OpenVinoBackend("mobile_sam", 16, print)):
         parts = backend.image(picture.numpy())
         ours_iou, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
         np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)

@@ -54,6 +54,10 @@ class SegmentConfig:
     quality: Literal["fast", "balanced", "full"] = option(
         "full", "full: all prompts of the grid; else those where a new region is likely"
     )
+    cpu_batch: int = number(
+        16, "prompts at a time on a CPU; the faster levels of quality choose the next ones after these", low=1, high=512
+    )
+    gpu_batch: int = number(64, "the same on a GPU", low=1, high=512)
     prompts: PromptConfig = field(default_factory=PromptConfig)
     min_predicted_iou: float = share(0.88, "masks below it are dropped: the model itself doubts them")
     min_stability: float = share(0.95, "IoU of the mask cut at +stability_offset and at -stability_offset")

@@ -55,7 +55,7 @@ class SamSegmenter:
         config = self.config
         with NETWORK_LOCK:
             if self._backend is None:
-                self._backend = open_backend(config.model, config.backend, self.device, self.say, self.download)
+                self._backend = open_backend(config, self.device, self.say, self.download)
                 if config.backend == "auto" and self.device == "cpu" and self._backend.name == "torch":
                     self.notes.append("openvino is not installed, the segmenter runs in torch: pip install openvino")
             return self._backend

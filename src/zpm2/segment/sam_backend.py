@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import weights
+from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
 
@@ -25,14 +26,13 @@ VERSION = 3  # of the cut into networks; raise it when sam_network.py changes wh
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
-CPU_BATCH, GPU_BATCH = 16, 64  # prompts at a time: 4 MB of image tokens each
 
 
 class SamBackend(Protocol):
     """The three networks of `sam_network`, arrays in and arrays out. Only `prompt` reads what `image` returns."""
 
     name: str
-    batch: int  # prompts at a time, at most
+    batch: int  # prompts at a time, at most; each takes 4 MB of image tokens
 
     def embed(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> Array:
         """`sam_network.PromptEmbedding`."""
@@ -48,13 +48,12 @@ class SamBackend(Protocol):
         `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
 
 
-def open_backend(
-    model: str, backend: str, device: str, say: Say, download: weights.Progress | None = None
-) -> SamBackend:
+def open_backend(config: SegmentConfig, device: str, say: Say, download: weights.Progress | None = None) -> SamBackend:
     """The configured backend ("auto": openvino on a CPU where it is installed, else torch).
 
     `say` receives a line when networks are converted, which takes half a minute once.
     """
+    model, backend = config.model, config.backend
     if backend == "openvino" and device != "cpu":
         raise ConfigError(f"segment.backend openvino runs on the CPU only, the device is {device}; use --device cpu")
     installed = find_spec("openvino") is not None
@@ -62,8 +61,8 @@ def open_backend(
         raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
     weights.get(WEIGHTS[model], progress=download)
     if device == "cpu" and installed and backend != "torch":
-        return OpenVinoBackend(model, say)
-    return TorchBackend(model, device)
+        return OpenVinoBackend(model, config.cpu_batch, say)
+    return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device)
 
 
 def load_sam(model: str) -> Any:
@@ -80,13 +79,13 @@ class TorchBackend:
 
     name = "torch"
 
-    def __init__(self, model: str, device: str) -> None:
+    def __init__(self, model: str, batch: int, device: str) -> None:
         import torch
 
         from zpm2.segment import sam_network
 
         self.torch, self.device = torch, torch.device(device)
-        self.batch = CPU_BATCH if self.device.type == "cpu" else GPU_BATCH
+        self.batch = batch
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
         self.networks = [
@@ -115,13 +114,14 @@ class TorchBackend:
 class OpenVinoBackend:
     """The networks converted to OpenVINO, single precision, on the CPU."""
 
-    name, batch = "openvino", CPU_BATCH
+    name = "openvino"
 
-    def __init__(self, model: str, say: Say) -> None:
+    def __init__(self, model: str, batch: int, say: Say) -> None:
         import openvino
 
         from zpm2.segment.sam_network import PromptEmbedding
 
+        self.batch = batch
         folder = _converted(model, openvino.__version__, say)
         mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
