@@ -15,7 +15,7 @@ from zpm2.errors import InputError
 from zpm2.features import METHODS
 from zpm2.pipeline import PairMatcher
 
-MEASURED = {  # MiB, see config.MEMORY
+MEASURED = {  # MiB, see estimate.MEMORY
     "default": {1: 1775, 4: 1833, 12: 2019, 25: 2449},
     "paper": {1: 1474, 4: 1488, 12: 1588, 25: 2115},
 }
@@ -38,8 +38,8 @@ def test_estimates_are_above_what_was_measured_and_not_far(name: str) -> None:
 
 
 def test_every_method_and_model_has_its_number() -> None:
-    assert set(config.POINT_MEMORY) == set(METHODS)
-    assert set(config.choices("segment.model")) <= set(config.MEMORY)
+    assert set(estimate.POINT_MEMORY) == set(METHODS)
+    assert set(config.choices("segment.model")) <= set(estimate.MEMORY)
 
 
 def test_200_megapixels_need_much_more_as_a_whole_than_in_tiles() -> None:
@@ -81,7 +81,7 @@ def test_a_large_pair_is_refused_as_a_whole_before_anything_is_loaded(
 def test_a_small_budget_chooses_tiles_says_so_and_changes_nothing_where_there_is_enough(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(config.MEMORY, "pixel", 30_000.0)  # so that it is the pixels that need it
+    monkeypatch.setitem(estimate.MEMORY, "pixel", 30_000.0)  # so that it is the pixels that need it
     options = {"points": "sift", "device": "cpu", **own(pair)}
     chosen = replace(config.preset("default"), tiles=config.TilesConfig(mode="auto", size=256))
     asked = config.with_options(chosen, {"points": "sift"})
