@@ -1,10 +1,12 @@
 """Photographs of two textured boards, one before the other, from cameras that are known exactly."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import PIL.Image
+import pytest
 from rendered import photograph
 
 from zpm2.geometry import HALF_PIXEL
@@ -53,3 +55,15 @@ def write(folder: Path, count: int = 4) -> list[Path]:
         paths.append(folder / f"{k}.png")
         PIL.Image.fromarray(seen(camera)[0]).save(paths[-1])
     return paths
+
+
+def coarse(patch: pytest.MonkeyPatch, depth: int = 8) -> None:
+    """Meshes of the command line with an octree of `depth` levels, which takes a second instead of ten."""
+    pycolmap = pytest.importorskip("pycolmap")
+    mesh = pycolmap.poisson_meshing
+
+    def shallow(points: Any, file: Any, options: Any) -> None:
+        options.depth = depth
+        mesh(points, file, options)
+
+    patch.setattr(pycolmap, "poisson_meshing", shallow)

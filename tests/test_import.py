@@ -48,9 +48,8 @@ def test_star_import() -> None:
 
 
 def test_modules_resolve_without_being_imported() -> None:
-    code = (
-        "import zpm2\nfor name in ('pose', 'cloud', 'result', 'config', 'formats'): assert getattr(zpm2, name).__name__"
-    )
+    names = "pose", "cloud", "result", "config", "formats"
+    code = f"import zpm2\nfor name in {names}: assert getattr(zpm2, name).__name__"
     loaded_by(code)
     assert loaded_by("import zpm2; zpm2.config; zpm2.errors; hasattr(zpm2, 'torch'); hasattr(zpm2, '_no')") == set()
 

@@ -147,7 +147,8 @@ def test_another_reconstruction_is_not_mixed_in(workspace: Path) -> None:
         reconstruct(paths[:3], workspace, Config(reconstruct=ReconstructConfig(poisson_depth=8)), {})
 
 
-def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path) -> None:
+def test_cameras_are_found_where_none_are_known(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    boards.coarse(monkeypatch)
     boards.write(tmp_path / "photographs", 4)
     code, out, err = run("reconstruct", tmp_path / "photographs", "-o", tmp_path / "ws", "--max-size", "320")
     assert code == 0, err
@@ -185,7 +186,8 @@ def test_one_line_for_what_cannot_be_used(
     assert not (tmp_path / "ws").exists()
 
 
-def test_a_surface_without_triangles_is_no_success(run: Run, tmp_path: Path) -> None:
+def test_a_surface_without_triangles_is_no_success(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    boards.coarse(monkeypatch)
     boards.write(tmp_path / "photographs", 3)
     model = [f"{k} PINHOLE 480 360 480 480 240 180" for k in range(3)]
     (tmp_path / "cameras.txt").write_text("\n".join(model))
