@@ -94,7 +94,9 @@ def _tile(folder: Path) -> None:
 def _folders() -> list[Reader]:
     """Output folders that a run goes on in."""
     run = predictions.PredictionSettings("pairs", None, "zpm2", {"seed": 0})
-    claimed = {"photographs": {}, "options": {}, "cameras": None, "code": code()}
+    config = Config()
+    options = {"reconstruct": vars(config.reconstruct), "stereo": vars(config.stereo)}
+    claimed = {"photographs": {}, "options": options, "cameras": None, "code": code()}
     points = 100
     header = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nend_header\n" % points
     model = _model()
@@ -114,7 +116,7 @@ def _folders() -> list[Reader]:
 
     def claim(folder: Path) -> None:
         _remember(folder)
-        workspace._claim(folder, [], Config(), None)
+        workspace._claim(folder, [], config, None)
 
     return [
         Reader("record", ({hidden: made, f"{record.KEYS}/key": b"ab", "overlay.png": b"x"},), recorded),

@@ -4,20 +4,23 @@ import numpy as np
 import pytest
 from views import Views, angle, views
 
-from zpm2.config import PoseConfig
+from zpm2.config import DegeneracyConfig, PoseConfig
 from zpm2.errors import Failed
 from zpm2.pose.degeneracy import Degeneracy, examine, rotation_between
 from zpm2.pose.estimators import OpenCv, PoseEstimate
 from zpm2.pose.points import RayPairs
 
 PX = 1 / 700
+CONFIG = PoseConfig()
 
 
-def examined(of: Views, sigma: float = 0.1, places: int = 12) -> tuple[PoseEstimate, Degeneracy]:
+def examined(
+    of: Views, sigma: float = 0.1, places: int = 12, config: PoseConfig = CONFIG
+) -> tuple[PoseEstimate, Degeneracy]:
     motion = OpenCv().estimate(*of.rays, PX, 0)
     assert not isinstance(motion, Failed)
     rays = RayPairs(*of.rays, PX)
-    return motion, examine(motion, rays, np.arange(len(of.points)) % places, sigma, PoseConfig(), 0)
+    return motion, examine(motion, rays, np.arange(len(of.points)) % places, sigma, config, 0)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -58,3 +61,8 @@ def test_little_to_go_by() -> None:
 def test_rotation_between_withstands_outliers() -> None:
     of = views(2, outliers=0.3, shift=(0, 0, 0))
     assert angle(rotation_between(*of.rays, PX), of.rotation) < 0.02
+
+
+def test_the_limits_are_configured() -> None:
+    strict = PoseConfig(degeneracy=DegeneracyConfig(min_regions=13, max_direction_sigma=0.05))
+    assert examined(views(0), config=strict)[1].flags == ("few_regions", "uncertain")

@@ -114,6 +114,24 @@ def test_a_model_names_photographs_in_sub_folders(
     assert asked == [(nested, {"cam 0/0.png": 480, "cam 1/0.png": 481, "cam 2/0.png": 482})]
 
 
+def test_options_and_settings_reach_the_reconstruction(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def told(paths: list[Path], out: Path, config: Config, known: None, tell: object) -> Reconstruction:
+        asked.append(config)
+        return Reconstruction(3, 3, 100, ())
+
+    monkeypatch.setattr("zpm2.reconstruct.reconstruct", told)
+    paths = boards.write(tmp_path / "photographs", 3)
+    words = "--max-size", "300", "--sequence", "--set", "reconstruct.trim=5", "--set", "stereo.speckle=9"
+    code, _, err = run("reconstruct", *paths, *words, "-o", tmp_path / "ws")
+    assert code == 0, err
+    assert asked[0].reconstruct == ReconstructConfig(max_size=300, ordered=True, trim=5.0)
+    assert asked[0].stereo == StereoConfig(speckle=9)
+
+
 def test_known_cameras_stay_and_the_surface_is_where_it_was(workspace: Path) -> None:
     views = read_views(workspace)
     for view, camera in zip(views, boards.cameras(), strict=True):

@@ -186,3 +186,10 @@ def test_calibration_of_kitti_with_its_size(tmp_path: Path) -> None:
     (tmp_path / "calib.txt").write_text(lines.replace("e+03", "x"))
     with pytest.raises(InputError, match="S_rect_02"):
         read_calibration(tmp_path / "calib.txt", (1241, 376))
+
+
+def test_the_range_of_the_search_is_configured() -> None:
+    differences = np.linspace(10, 50, 100)
+    exact = StereoConfig(outliers=0.0, range_margin=0.0, min_range_margin=2.0)
+    assert disparity_range(differences, 400, exact) == (8, 52)
+    assert isinstance(disparity_range(differences, 400, StereoConfig(max_range=0.1)), Failed)

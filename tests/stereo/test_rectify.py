@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from views import SIZE, matched, rotation, views
 
-from zpm2.config import Config, PoseConfig
+from zpm2.config import Config, PoseConfig, StereoConfig
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image
 from zpm2.pose import PoseFinder, PoseResult, RectifiedPair, rectify
@@ -100,3 +100,12 @@ def test_no_rectified_pair() -> None:
     found = rectify(dataclasses.replace(pose, pose=Failed("no points")), images(), polygons)
     assert isinstance(found, Failed)
     assert "no points" in found.reason
+
+
+def test_the_size_of_a_rectified_pair_is_configured() -> None:
+    of = views(1, shift=(-1.0, 0.1, 0.2), turn=rotation(3.0, 6.0, -8.0))
+    result = matched(of)
+    pose = PoseFinder(PLAIN)(result, of.cameras)
+    pair = rectify(pose, images(), result.matched_polygons(), StereoConfig(rectified_size=0.5))
+    assert isinstance(pair, RectifiedPair)
+    assert max(pair.left.camera.size) == pytest.approx(0.5 * max(SIZE), abs=1)

@@ -52,7 +52,7 @@ class PoseConfig:
     )
     crop_size: int = number(480, "side of a crop", unit="px", low=32, high=4096)
     crop_points: int = number(512, "per crop", low=1, high=100_000)
-    max_crops: int = number(40, "of rectified crops, the surest matches first", low=1, high=10_000)
+    max_crops: int = number(40, "of rectified crops, the most confident matches first", low=1, high=10_000)
     crop_margin: float = number(0.15, "added to a box on every side, times its longer side")
     crop_max_zoom: float = number(4.0, "crop px per image px; beyond, there is nothing more to see", above=True)
     crop_min_zoom: float = number(1.2, "rectified crops: times the scale at which the whole image was searched")

@@ -20,7 +20,7 @@ NO_TRANSLATION = 1e-9  # of the plane's distance: a shorter one has no direction
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
-    """Flags, empty if nothing speaks against a pose, and the poses that explain the points as well."""
+    """Flags, none for a sound pose, and the other poses that explain the points as well."""
 
     flags: tuple[str, ...]  # of "pure_rotation", "planar_scene", "few_inliers", "few_regions", "uncertain", "ambiguous"
     rotation_only: Array | None = None  # (3, 3) of "pure_rotation"
