@@ -68,7 +68,7 @@ def test_blocks_of_pairs_change_nothing(method, block, monkeypatch):
     rng = np.random.default_rng(1)
     left, right = (counts_of(rng, p * 12, 60, 11).reshape(p, 12, 60) for p in (4, 7))
     shares = []
-    monkeypatch.setattr(histograms, "BLOCK", block)
+    monkeypatch.setattr(histograms, "COSTS_AT_ONCE", block)
     found = compare(left, right, method.align, shares.append)
     expected = [[method.align(chi_square(a, b)[None])[0] for b in right] for a in left]
     assert np.allclose(found, expected, atol=1e-6)
