@@ -13,6 +13,7 @@ from zpm2 import config, estimate, memory
 from zpm2.baselines import BaselineMatcher
 from zpm2.errors import InputError
 from zpm2.features import METHODS
+from zpm2.pipeline import PairMatcher
 
 MEASURED = {  # MiB, see estimate.MEMORY
     "default": {1: 1775, 4: 1833, 12: 2019, 25: 2449},
@@ -98,7 +99,7 @@ def test_a_small_budget_chooses_tiles_says_so_and_changes_nothing_where_there_is
     with pytest.raises(InputError, match="as a whole needs about"):
         zpm2.match(pair.left, pair.right, chosen, tiles="off", max_memory=between, **options)
     with pytest.raises(InputError, match="as a whole needs about"):
-        zpm2.PairMatcher(replace(chosen, max_memory=between))(pair.left, pair.right)
+        PairMatcher(replace(chosen, max_memory=between))(pair.left, pair.right)
     with pytest.raises(InputError, match="as a whole needs about"):
         BaselineMatcher("idsc", replace(chosen, max_memory=between))(pair.left, pair.right)
 

@@ -8,7 +8,7 @@ from zpm2.config.cloud import CloudConfig
 from zpm2.config.global_match import GlobalConfig
 from zpm2.config.load import OPTIONS, assign, load, with_options
 from zpm2.config.local_match import GuidedConfig, LocalConfig
-from zpm2.config.photos import RasterConfig, TilesConfig
+from zpm2.config.photos import RasterConfig, StretchConfig, TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
 from zpm2.config.presets import PRESETS, preset
@@ -27,6 +27,7 @@ __all__ = [
     "PoseConfig",
     "RasterConfig",
     "SegmentConfig",
+    "StretchConfig",
     "TilesConfig",
     "VectorizeConfig",
     "assign",

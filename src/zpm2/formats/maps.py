@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.files.reading import read_array, read_bytes, regular
+from zpm2.photos.checks import check_length, check_memory
 from zpm2.photos.pictures import DAMAGE
-from zpm2.photos.values import check_length, check_memory
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 EACH = 12  # bytes a pixel of a PNG: as it is stored, and twice as a float

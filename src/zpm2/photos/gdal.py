@@ -15,7 +15,7 @@ from typing import Any
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import regular
-from zpm2.photos import jpeg2000, values, vrt
+from zpm2.photos import checks, jpeg2000, vrt
 
 CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
@@ -71,7 +71,7 @@ def open_file(path: str | Path, what: str) -> Any:
     file = Path(os.path.abspath(name))  # absolute, no name means anything else than a file
     if _ELSEWHERE.match(name) and not file.exists():
         raise InputError(f"{what} does not exist, and only local files are read: download or convert it first")
-    with values.opened_file(file, what):  # names that no file can have are known here
+    with checks.opened_file(file, what):  # names that no file can have are known here
         pass
     (_, driver), *others = _checked(file, what)
     for other, its_driver in others:
@@ -99,11 +99,11 @@ def gdal(what: str) -> Iterator[None]:
         except Zpm2Error:
             raise
         except MemoryError as error:
-            raise values.no_memory(what) from error
+            raise checks.no_memory(what) from error
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
-                raise values.unknown_format(what) from error
-            raise values.damaged(what, error.__cause__ or error) from error
+                raise checks.unknown_format(what) from error
+            raise checks.damaged(what, error.__cause__ or error) from error
 
 
 @contextmanager
@@ -138,7 +138,7 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
 
 def _driver(path: Path, what: str) -> str:
     """The driver for a file by its first bytes. `UnsupportedByGdal` for other formats."""
-    with values.opened_file(path, what) as file:
+    with checks.opened_file(path, what) as file:
         head = file.read(HEAD)
         if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
             raise UnsupportedByGdal(f"{what} is damaged, its boxes have no end: copy or download it again")
@@ -148,7 +148,7 @@ def _driver(path: Path, what: str) -> str:
             if driver != "VRT" and re.search(rb"[<{]", head.partition(b"\0")[0]):
                 break
             return driver
-    raise UnsupportedByGdal(str(values.unknown_format(what)))
+    raise UnsupportedByGdal(str(checks.unknown_format(what)))
 
 
 def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:

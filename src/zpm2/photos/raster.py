@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.config import StretchConfig
 from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image
 from zpm2.model.messages import Note
-from zpm2.photos import gdal, pictures, values
+from zpm2.photos import checks, gdal, pictures, radiometry
 from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.geolocation import place_of
 
@@ -40,8 +41,10 @@ class Raster:
 
     held = 0  # bytes that are in memory all the time
 
-    def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
-        self._source, self._what = source, what
+    def __init__(
+        self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None, stretch: StretchConfig
+    ) -> None:
+        self._source, self._what, self._stretch = source, what, stretch
         self.path, self.width, self.height = path, int(source.width), int(source.height)
         overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
         self._reduced_what = " or its overview file ".join([what, *overviews])
@@ -85,7 +88,7 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
-        values.check_memory(width, height, EACH, self._what)
+        checks.check_memory(width, height, EACH, self._what)
         with gdal.gdal(self._what):
             return self._read((x0, y0, x1, y1), width, height)
 
@@ -149,9 +152,9 @@ class Raster:
         size = max(1, self.width // step), max(1, self.height // step)
         seen, valid = self._pixels((0, 0, self.width, self.height), *size)
         if valid is not None:
-            notes += values.gap_notes(valid, self._what)
+            notes += radiometry.gap_notes(valid, self._what)
         if self._type != np.uint8 and self._palette is None:
-            self._range, self._fills, more = values.look(seen, valid, guess=True)
+            self._range, self._fills, more = radiometry.look(seen, valid, True, self._stretch)
             self._sampled |= bool(self._fills)
             notes += more
 
@@ -178,22 +181,28 @@ class Raster:
         seen = np.moveaxis(seen, 0, -1)
         if self._palette is not None:
             seen = self._palette[np.minimum(seen[..., 0], len(self._palette) - 1)]
-            seen, valid = seen[..., :3], values.both(valid, seen[..., 3] > 0)
+            seen, valid = seen[..., :3], radiometry.both(valid, seen[..., 3] > 0)
         if self._type.kind == "f":
-            valid = values.both(valid, np.isfinite(seen).all(axis=2))
+            valid = radiometry.both(valid, np.isfinite(seen).all(axis=2))
         for fill in self._fills:
-            valid = values.both(valid, values.differs(seen, fill))
+            valid = radiometry.both(valid, radiometry.differs(seen, fill))
         return seen, None if valid is None or valid.all() else valid
 
     def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
         if self._range is not None:
-            seen = values.scaled(seen, *self._range)
+            seen = radiometry.scaled(seen, *self._range)
         elif seen.dtype != np.uint8:
             seen = np.rint(seen).astype(np.uint8)
         return 255 - seen if self._negative else seen
 
 
-def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Raster:
+def open_raster(
+    path: str | Path,
+    name: str = "image",
+    bands: Sequence[int] = (),
+    gsd: float | None = None,
+    stretch: StretchConfig = radiometry.DEFAULTS,
+) -> Raster:
     """The raster in a file, of which nothing but a reduced look is read yet.
 
     bands: which, from 1: one for grey or three for red, green, blue; default: those that the file marks so, else the
@@ -214,11 +223,11 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
         with gdal.gdal(what):
             if not source.count:
                 raise InputError(f"{what} has no bands")
-            values.check_sides(source.width, source.height, what)
+            checks.check_sides(source.width, source.height, what)
             if os.path.exists(path):
-                values.check_length(source.width, source.height, source.driver, path, what)
-            values.check_memory(*_unpacked_at_once(source), what)
-            return Raster(source, str(path), what, bands, gsd)
+                checks.check_length(source.width, source.height, source.driver, path, what)
+            checks.check_memory(*_unpacked_at_once(source), what)
+            return Raster(source, str(path), what, bands, gsd, stretch)
     except BaseException:
         source.close()
         raise

@@ -32,9 +32,9 @@ from zpm2.guided.regions import no_matches
 from zpm2.local_match.confidence import unsupported
 from zpm2.model import THIN, Image, ImagePolygons, Mask, PointMatches, Polygon, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
+from zpm2.photos.checks import MIN_SIDE
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source, reduced
-from zpm2.photos.values import MIN_SIDE
 from zpm2.pipeline import PairMatcher, explained
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress, StageTimer

@@ -14,7 +14,7 @@ from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import read_array, regular
 from zpm2.model import Image, Mask
 from zpm2.photos import gdal, pictures
-from zpm2.photos.values import MAX_PIXELS, check_length, check_memory, no_memory
+from zpm2.photos.checks import MAX_PIXELS, check_length, check_memory, no_memory
 from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
 Values = NDArray[Any]
