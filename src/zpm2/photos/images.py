@@ -1,4 +1,4 @@
-"""Photographs in: a path, an array or a PIL picture becomes a `model.Image`, or one line says why it cannot."""
+"""Photographs from a path, an array or a PIL picture as `model.Image`."""
 
 from contextlib import closing
 

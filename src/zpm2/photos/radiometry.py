@@ -1,4 +1,4 @@
-"""Pixels of any kind as 8-bit RGB, and which of them hold data: one rule, whichever library has read them."""
+"""Pixels of any kind to 8-bit RGB, and which of them hold data: one rule for all readers."""
 
 import math
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth.
 
-What is opened at all, `photos.gdal` says.
+`photos.gdal` decides what is opened at all.
 """
 
 import math
@@ -24,10 +24,12 @@ from zpm2.photos.geolocation import place_of
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
-LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
-CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
-EACH = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
-SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+PREVIEW_PX = 4_000_000  # px that are looked at on opening, for the range of brightness
+CHUNK_BYTES = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+BYTES_PER_PX = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
+MAX_SAMPLES_PER_PX = (
+    4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+)
 
 
 class Raster:
@@ -48,7 +50,7 @@ class Raster:
         self.path, self.width, self.height = path, int(source.width), int(source.height)
         overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
         self._reduced_what = " or its overview file ".join([what, *overviews])
-        self._said = notes = list[str]()
+        self._notes_on_opening = notes = list[str]()
         self._bands = _chosen_bands(source, bands, what, notes)
         kinds = [source.dtypes[band - 1] for band in self._bands]
         if any("complex" in kind for kind in kinds):
@@ -72,9 +74,9 @@ class Raster:
     def notes(self) -> tuple[str, ...]:
         """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
         if self._sampled and self.plain:  # not before it is asked for: others read such files at once
-            self._look(self._said)
+            self._look(self._notes_on_opening)
         with gdal.gdal(self._what):
-            return (*_file_notes(self._source, self.path), *self._said)
+            return (*_file_notes(self._source, self.path), *self._notes_on_opening)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
@@ -88,7 +90,7 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
-        checks.check_memory(width, height, EACH, self._what)
+        checks.check_memory(width, height, BYTES_PER_PX, self._what)
         with gdal.gdal(self._what):
             return self._read((x0, y0, x1, y1), width, height)
 
@@ -96,7 +98,7 @@ class Raster:
         x0, y0, x1, y1 = window
         scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
         across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
-        rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
+        rows = max(1, CHUNK_BYTES // (width * across * down * len(self._bands) * self._type.itemsize))
         rgb = np.empty((height, width, 3), np.uint8)
         valid = np.ones((height, width), bool)
         for top in range(0, height, rows):
@@ -148,7 +150,7 @@ class Raster:
 
     def _look(self, notes: list[str]) -> None:
         """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
-        step = math.ceil(math.sqrt(self.width * self.height / LOOK))
+        step = math.ceil(math.sqrt(self.width * self.height / PREVIEW_PX))
         size = max(1, self.width // step), max(1, self.height // step)
         seen, valid = self._pixels((0, 0, self.width, self.height), *size)
         if valid is not None:
@@ -333,7 +335,7 @@ def _bits(source: Any, band: int) -> int:
 
 def _samples(scale: float) -> int:
     """How many source pixels along one side become a pixel."""
-    return int(scale) if scale in range(1, SAMPLES) else SAMPLES
+    return int(scale) if scale in range(1, MAX_SAMPLES_PER_PX) else MAX_SAMPLES_PER_PX
 
 
 def _means(

@@ -1,4 +1,4 @@
-"""Photographs of any size behind one face: kept in memory, or read from their file by windows where that pays."""
+"""Photographs of any size through one interface: held in memory, or read from their file by windows."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
