@@ -34,7 +34,7 @@ def test_words_are_read_back_nearly(number: int, unit: str) -> None:
 
 def test_the_default_is_a_share_of_what_is_free() -> None:
     assert 0 < memory.budget() < math.inf
-    assert memory.size("auto") == pytest.approx(memory.SHARE * (memory.free() + memory._own()), rel=0.2)
+    assert memory.size("auto") == pytest.approx(memory.FREE_SHARE * (memory.free() + memory._own()), rel=0.2)
 
 
 def test_a_control_group_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

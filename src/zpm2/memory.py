@@ -1,7 +1,8 @@
 """How much memory this process may take, and the refusal of what would take more.
 
-The budget is what the user says, or a share of what is free. Whoever is about to take much memory asks `refuse_above`
-first, so that one line comes in the place of the system's killer. `within` sets the budget for what runs inside it.
+The budget is what the user says, or a share of what is free. Code that is about to take much memory calls
+`refuse_above` first, so that the user gets one line instead of a process that the system kills. `within` sets the
+budget for what runs inside it.
 """
 
 import math
@@ -15,20 +16,20 @@ from pathlib import Path
 from zpm2.errors import ConfigError, InputError
 
 AUTO, UNLIMITED = "auto", "none"
-SHARE = 0.8  # of what is free, and of what this process has: the rest is for what others take meanwhile
+FREE_SHARE = 0.8  # of what is free, and of what this process has: the rest is for what others take meanwhile
 UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 
 _SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
 _CGROUPS, _LISTED = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-_said: ContextVar[str] = ContextVar("max_memory", default=AUTO)
+_limit: ContextVar[str] = ContextVar("max_memory", default=AUTO)
 _reserved: ContextVar[float] = ContextVar("reserved", default=0.0)
 
 
 def size(text: str) -> float:
-    """Bytes of a size such as 8GB (10^9 bytes each), 512MB or 7.5GiB (2^30). "none" is infinite, "auto" is `SHARE` of
-    what is free. `ConfigError` for all else."""
+    """Bytes of a size such as 8GB (10^9 bytes each), 512MB or 7.5GiB (2^30). "none" is infinite, "auto" is `FREE_SHARE`
+    of what is free. `ConfigError` for all else."""
     if text == AUTO:
-        return SHARE * (free() + _own())
+        return FREE_SHARE * (free() + _own())
     if text == UNLIMITED:
         return math.inf
     found = _SIZE.fullmatch(text)
@@ -40,17 +41,17 @@ def size(text: str) -> float:
 
 @contextmanager
 def within(text: str) -> Iterator[None]:
-    """The budget is that of `text` (`size`) inside."""
-    token = _said.set(text)
+    """Sets the budget (`size`) inside."""
+    token = _limit.set(text)
     try:
         yield
     finally:
-        _said.reset(token)
+        _limit.reset(token)
 
 
 @contextmanager
 def reserved(bytes_: float) -> Iterator[None]:
-    """The budget is less inside, by what the caller holds beside that which is asked for there."""
+    """Lowers the budget inside by what the caller holds itself."""
     token = _reserved.set(_reserved.get() + bytes_)
     try:
         yield
@@ -59,18 +60,18 @@ def reserved(bytes_: float) -> Iterator[None]:
 
 
 def limit(text: str) -> None:
-    """The budget is that of `text` (`size`) from here on, to the end of the `within` that we are in."""
-    _said.set(text)
+    """Sets the budget (`size`) from here on, to the end of the enclosing `within`."""
+    _limit.set(text)
 
 
 def budget() -> float:
     """Bytes that this process may take in all; infinite where there is no limit, or none is known."""
-    return max(0.0, size(_said.get()) - _reserved.get())
+    return max(0.0, size(_limit.get()) - _reserved.get())
 
 
 def whose() -> str:
     """Where the budget comes from, in words."""
-    return f"{SHARE:.0%} of what is free" if _said.get() == AUTO else f"--max-memory {_said.get()}"
+    return f"{FREE_SHARE:.0%} of what is free" if _limit.get() == AUTO else f"--max-memory {_limit.get()}"
 
 
 def refuse_above(needed: float, what: str, way_out: str) -> None:

@@ -26,7 +26,7 @@ from zpm2 import config
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.errors import ConfigError, InputError, Zpm2Error
 from zpm2.files.listing import json_file, text
-from zpm2.files.reading import UNPACKED, parse_json, read_array, read_arrays, unpack_gzip
+from zpm2.files.reading import MAX_UNPACKED_BYTES, parse_json, read_array, read_arrays, unpack_gzip
 from zpm2.formats import cameras, colmap
 from zpm2.formats.maps import read_map
 from zpm2.photos import listing
@@ -133,7 +133,7 @@ def test_sizes_are_held_against_the_length_of_the_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="its length is not that of float64"):
         read_array(tmp_path / "a.npy")
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("world_mat_0.npy", bytes(UNPACKED + 1))
+        file.writestr("world_mat_0.npy", bytes(MAX_UNPACKED_BYTES + 1))
     with pytest.raises(ValueError, match="more than 32 MB"):
         read_arrays(tmp_path / "a.npz")
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<Q", 10**8) + bytes(62))
@@ -142,7 +142,7 @@ def test_sizes_are_held_against_the_length_of_the_file(tmp_path: Path) -> None:
 
 
 def test_a_gzip_bomb_is_not_unpacked(tmp_path: Path) -> None:
-    (tmp_path / "a.gz").write_bytes(gzip.compress(bytes(UNPACKED + 1), 1))
+    (tmp_path / "a.gz").write_bytes(gzip.compress(bytes(MAX_UNPACKED_BYTES + 1), 1))
     with pytest.raises(ValueError, match="more than 32 MB"):
         unpack_gzip(tmp_path / "a.gz")
 

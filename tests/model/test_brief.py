@@ -42,7 +42,7 @@ def test_one_short_line(data: object) -> None:
 
 def test_numbers_and_names_are_shown_arrays_and_lists_are_counted() -> None:
     assert repr(POLYGON) == "Polygon(id=4, exterior 700 x 2, score=0.9877)"
-    assert repr(ImagePolygons(5, 4, [POLYGON], "a.png")) == "Side(width=5, height=4, 1 polygons, path='a.png')"
+    assert repr(ImagePolygons(5, 4, [POLYGON], "a.png")) == "ImagePolygons(width=5, height=4, 1 polygons, path='a.png')"
     text = repr(RESULT)
     for part in ("100 matches", "120 polygons", "left 700 x 2", "fundamental 3 x 3", "too few points", "3 warnings"):
         assert part in text

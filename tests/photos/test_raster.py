@@ -132,7 +132,7 @@ def test_work_in_strips_changes_nothing(tmp_path, monkeypatch):
             for size in ((160, 120), (47, 31), (40, 30)):
                 whole = opened.read(None, size)
                 with monkeypatch.context() as patch:
-                    patch.setattr(raster, "CHUNK", 3 * 4 * 4 * 160)
+                    patch.setattr(raster, "CHUNK_BYTES", 3 * 4 * 4 * 160)
                     parts = opened.read(None, size)
                 assert np.array_equal(whole.rgb, parts.rgb)
                 assert np.array_equal(whole.valid, parts.valid)
@@ -146,7 +146,7 @@ def test_brightness_is_read_as_it_is(tmp_path):
 
 
 def test_the_range_comes_from_a_reduced_look(tmp_path, monkeypatch):
-    monkeypatch.setattr(raster, "LOOK", 300)
+    monkeypatch.setattr(raster, "PREVIEW_PX", 300)
     path = write(tmp_path / "a.tif", DEEP)
     assert "stretched" in read(path).notes[0]
     with open_raster(path) as opened:

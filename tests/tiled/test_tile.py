@@ -62,7 +62,7 @@ def test_a_tile_comes_back_as_it_was(tmp_path, windows):
 
 def test_a_large_tile_comes_back(tmp_path, monkeypatch):
     """Its file is as long as what it holds asks for, which no bomb's is."""
-    monkeypatch.setattr(reading, "UNPACKED", 1000)
+    monkeypatch.setattr(reading, "MAX_UNPACKED_BYTES", 1000)
     rng = np.random.default_rng(0)
     points = PointMatches(rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 500, (1000, 2)), rng.uniform(0, 1, 1000))
     kept = TileCache(tmp_path, "abc")

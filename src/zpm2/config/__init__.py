@@ -16,7 +16,15 @@ from zpm2.config.local_match import (
     OutlineConfig,
     UnmatchedConfig,
 )
-from zpm2.config.photos import BlocksConfig, CellsConfig, PartnerConfig, RasterConfig, StitchConfig, TilesConfig
+from zpm2.config.photos import (
+    BlocksConfig,
+    CellsConfig,
+    PartnerConfig,
+    RasterConfig,
+    StitchConfig,
+    StretchConfig,
+    TilesConfig,
+)
 from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, preset
@@ -52,6 +60,7 @@ __all__ = [
     "SegmentConfig",
     "StereoConfig",
     "StitchConfig",
+    "StretchConfig",
     "TilesConfig",
     "UnmatchedConfig",
     "VectorizeConfig",

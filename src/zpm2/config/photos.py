@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.parse import overlay
 from zpm2.errors import ConfigError
 
 
@@ -17,6 +18,21 @@ def _bands(name: str, value: Any) -> None:
 def _gsd(name: str, value: Any) -> None:
     if len(value) > 2 or min(value, default=1) <= 0:
         raise ConfigError(f"{name} is one number of m per px above 0, or two (left, right)")
+
+
+@dataclass(frozen=True)
+class StretchConfig:
+    """Photographs of more than 8 bit: which values become 0 and 255, and which mean no data without saying so."""
+
+    low_percentile: float = number(0.5, "of the values; it becomes 0", unit="%", high=100, source="chosen")
+    high_percentile: float = number(99.5, "of the values; it becomes 255", unit="%", high=100, source="chosen")
+    fill_share: float = share(0.05, "of the pixels that have one value, from which on it is no data", source="chosen")
+    fill_border_share: float = share(0.5, "the same, of the pixels along the border", source="chosen")
+    picture_share: float = share(0.99, "of one value, from which on it is the picture itself", source="chosen")
+    noticed_share: float = share(0.005, "of one value, below which it is not looked at", source="chosen")
+    far_share: float = share(
+        0.25, "of the range of all other values; a value farther away may mean no data: a warning", source="chosen"
+    )
 
 
 @dataclass(frozen=True)
@@ -38,14 +54,16 @@ class RasterConfig:
         source="chosen by the memory that whole photographs take, docs/large-format.md",
     )
 
+    stretch: StretchConfig = field(default_factory=StretchConfig)
+
     @staticmethod
     def of_result(config: Mapping[str, Any]) -> "RasterConfig":
         """How the photographs of a saved result were read, by its configuration; the defaults where it lacks this."""
         stored = config.get("raster")
         values = stored if isinstance(stored, Mapping) else {}
-        names = {field.name for field in dataclasses.fields(RasterConfig)} & values.keys()
-        known: Any = {name: tuple(values[name]) if isinstance(values[name], list) else values[name] for name in names}
-        return RasterConfig(**known)
+        names = {item.name for item in dataclasses.fields(RasterConfig)} & values.keys()
+        made: RasterConfig = overlay(RasterConfig(), {name: values[name] for name in names})
+        return made
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""The user's disk: reading without surprises, writing whole files, and the record of what a run made."""
+"""The user's disk: safe reading, writing whole files, and the record of what a run made."""

@@ -1,8 +1,8 @@
-"""Files in, whatever they hold: bytes, text, JSON, TOML and numpy's arrays, with two kinds of error for all of it.
+"""Files read safely: bytes, text, JSON, TOML and numpy arrays, with two kinds of error.
 
-`OSError` is what the system has against a file, and `ValueError` what is wrong with its content, whatever the library
-below raises. Who asks makes one `Zpm2Error` of them, as only it knows what the file is for. No size that a file
-declares is believed before it is held against the file's length.
+`OSError` where the system cannot read a file, and `ValueError` where its content is wrong, whatever the library below
+raises. The caller, who knows what the file is for, turns them into a `Zpm2Error`. A size that a file declares is
+checked against the length of the file before it is used.
 """
 
 import errno
@@ -26,9 +26,9 @@ from zpm2 import memory
 
 # what values of a foreign shape raise where they are taken for ours: no object, no such member, no number, too large
 WRONG = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
-UNPACKED = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or a usual tile
-RATIO = 40
-DIGITS = 300  # of a whole number, beyond which it is no double
+MAX_UNPACKED_BYTES = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or a usual tile
+MAX_PACKING = 40  # times its packed length that a file may hold
+MAX_DIGITS = 300  # of a whole number, beyond which it is no double
 _NPY = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -87,9 +87,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def unpack_gzip(path: Path) -> bytes:
-    """What a .gz file holds: up to `UNPACKED` bytes, or `RATIO` times its length, which no text of numbers reaches."""
+    """What a .gz file holds: up to `MAX_UNPACKED_BYTES` bytes, or `MAX_PACKING` times its length, which no text of
+    numbers reaches."""
     packed = read_bytes(path)
-    most = max(UNPACKED, RATIO * len(packed))
+    most = max(MAX_UNPACKED_BYTES, MAX_PACKING * len(packed))
     with gzip.open(io.BytesIO(packed)) as file:
         try:
             content = file.read(most + 1)
@@ -106,13 +107,14 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file by name, read-only; together they may have `UNPACKED` bytes."""
+    """The arrays of an .npz file by name, read-only; together they may have `MAX_UNPACKED_BYTES` bytes."""
     content = read_bytes(path)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as file:
             members = file.infolist()
-            if sum(member.file_size for member in members) > UNPACKED:  # no more than it declares is ever unpacked
-                raise ValueError(f"it holds more than {UNPACKED // 2**20} MB")
+            declared = sum(member.file_size for member in members)  # no more than this is ever unpacked
+            if declared > MAX_UNPACKED_BYTES:
+                raise ValueError(f"it holds more than {MAX_UNPACKED_BYTES // 2**20} MB")
             return {member.filename.removesuffix(".npy"): _array(file.read(member)) for member in members}
     except (OSError, EOFError, LookupError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError("it is damaged or no .npz file") from error
@@ -137,6 +139,6 @@ def _array(content: bytes) -> NDArray[Any]:
 
 
 def _whole(digits: str) -> int:
-    if len(digits) > DIGITS:
+    if len(digits) > MAX_DIGITS:
         raise ValueError(f"it has a number of {len(digits)} digits")
     return int(digits)

@@ -1,4 +1,4 @@
-"""Files out: whole or not at all, and into a folder that was seen to be writable before the work began."""
+"""Files written whole or not at all, into a folder that was tested before the work began."""
 
 import contextlib
 import errno
@@ -11,7 +11,7 @@ from pathlib import Path
 from zpm2.errors import OutputError
 from zpm2.files import record
 
-_ON_WRITING = {  # what only writing meets, and what to do
+_ON_WRITING = {  # errors that only writing can meet, and what to do
     errno.ENOSPC: "the disk is full; free some space",
     getattr(errno, "EDQUOT", -1): "your share of the disk is full; free some space",
     errno.EROFS: "permission denied, the disk can only be read; give a folder on another one",
@@ -86,11 +86,11 @@ def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] =
 
 @contextlib.contextmanager
 def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """A claimed folder for a run, which is the only one in it. Where the run ends early and left nothing in it, what
-    was made of it goes again.
+    """Claims a folder and locks it for one run. If the run ends early and has written nothing, the folder is removed
+    again.
 
-    `OutputError` as from `claim`, where another run is at work in it, and for a disk that takes no more, whoever finds
-    that out.
+    `OutputError` as from `claim`, where another run is at work in it, and for a full or read-only disk, wherever that
+    is met.
     """
     fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:

@@ -1,4 +1,4 @@
-"""In and out: photographs read, result files written."""
+"""Files in and out."""
 
 from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.photos.images import read_image

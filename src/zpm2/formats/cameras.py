@@ -14,7 +14,7 @@ from zpm2.files.reading import read_arrays
 from zpm2.geometry import HALF_PIXEL
 
 Array = NDArray[np.float64]
-BEYOND = 1e50  # no number of a camera is as large, and products of a few such are still finite
+MAX_NUMBER = 1e50  # no number of a camera is as large, and products of a few such are still finite
 
 
 def intrinsics(matrix: Array) -> Array:
@@ -64,7 +64,7 @@ def matrix(values: Any, shape: tuple[int, int], what: str) -> Array:
         array = np.array(values, np.float64).reshape(shape)
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is no {shape[0]} x {shape[1]} matrix of numbers: correct the file") from error
-    if not (np.abs(array) < BEYOND).all():
+    if not (np.abs(array) < MAX_NUMBER).all():
         raise InputError(f"{what} has a value that is not finite, or as good as that: correct the file")
     return array
 
@@ -83,7 +83,7 @@ def rigid(values: Any, what: str) -> Array:
 def calibration(values: Any, what: str) -> Array:
     """`values` as a 3 x 3 K (last row 0 0 1, focal lengths positive); `InputError` calls it `what`."""
     k = matrix(values, (3, 3), what)
-    if not np.allclose(k[2], (0, 0, 1)) or not (k[[0, 1], [0, 1]] > 1 / BEYOND).all():
+    if not np.allclose(k[2], (0, 0, 1)) or not (k[[0, 1], [0, 1]] > 1 / MAX_NUMBER).all():
         raise InputError(f"{what} is no calibration matrix (positive focal lengths, last row 0 0 1): correct the file")
     return k
 

@@ -17,7 +17,7 @@ from zpm2.model import Counterpart, Polygon
 FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
 ID_NAMES = ("id", "fid", "objectid")  # of properties that hold an id, as programs write them, whatever their case
 HIGHEST_SCORE = 1.1  # SAM predicts an IoU slightly above 1 at times
-LIMIT = 1e9  # px, a coordinate beyond it is no pixel of any image
+MAX_COORDINATE = 1e9  # px, a coordinate beyond it is no pixel of any image
 
 Rings = list[NDArray[np.float64]]  # exterior first, then holes, each (n, 2) image px, not repeated at the end
 
@@ -104,7 +104,7 @@ def ring(values: Any, name: str) -> NDArray[np.float64]:
         vertices = np.array([position[:2] for position in values], np.float64).reshape(len(values), 2)
     except (TypeError, ValueError, KeyError, OverflowError) as error:
         raise InputError(f"{name} has coordinates that are no list of [x, y] positions: correct the file") from error
-    if not (np.abs(vertices) < LIMIT).all():
+    if not (np.abs(vertices) < MAX_COORDINATE).all():
         raise InputError(f"{name} has a coordinate that is not a finite number of pixels: correct the file")
     closed = len(vertices) > 1 and (vertices[0] == vertices[-1]).all()
     return vertices[:-1] if closed else vertices
@@ -141,7 +141,7 @@ def id_text(value: Any) -> str | None:
 
 
 def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
-    """What a feature says of a polygon beside its outline, and what its source said."""
+    """The properties of a polygon's feature: ours, and those that it was given with."""
     return {**polygon_properties(polygon, partner, unmatched), **prefixed(polygon.properties, OURS)}
 
 

@@ -93,8 +93,8 @@ def feature_collection(layer: Layer) -> dict[str, Any]:
     meters = square_meters(layer.geo)
     features = []
     for k, polygon in enumerate(layer.polygons):
-        said = geojson.properties(polygon, layer.match_of.get(polygon.id), layer.unmatched.get(polygon.id))
-        properties = said | {"area_m2": None if meters is None else polygon.area * meters}
+        ours = geojson.properties(polygon, layer.match_of.get(polygon.id), layer.unmatched.get(polygon.id))
+        properties = ours | {"area_m2": None if meters is None else polygon.area * meters}
         geometry = {"type": "Polygon", "coordinates": rings[first_ring[k] : first_ring[k + 1]]}
         features.append({"type": "Feature", "id": polygon.id, "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}

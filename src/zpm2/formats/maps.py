@@ -1,4 +1,4 @@
-"""Disparity and depth maps in: .pfm, .png or .npy as one float per pixel, or one line that says why not."""
+"""Disparity and depth maps, read from .pfm, .png and .npy files as one float per pixel."""
 
 import re
 from pathlib import Path
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.files.reading import read_array, read_bytes, regular
+from zpm2.photos.checks import check_length, check_memory
 from zpm2.photos.pictures import DAMAGE
-from zpm2.photos.values import check_length, check_memory
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
-EACH = 12  # bytes a pixel of a PNG: as it is stored, and twice as a float
-MIXED = 0.05  # share of the known values that may have the other sign
+BYTES_PER_PX = 12  # bytes a pixel of a PNG: as it is stored, and twice as a float
+MAX_OTHER_SIGN = 0.05  # share of the known values that may have the other sign
 _ONE_BAND = ("L", "I", "I;16", "I;16B", "I;16L")  # PIL's modes of 8- and 16-bit grey
 
 
@@ -56,7 +56,7 @@ def read_disparity(
         if lowest == values[below].max() and (lowest == -1 or lowest < -values[above].max()):
             below[:] = False
     few, most = sorted((below, above), key=np.count_nonzero)
-    if np.count_nonzero(few) > MIXED * np.count_nonzero(below | above):
+    if np.count_nonzero(few) > MAX_OTHER_SIGN * np.count_nonzero(below | above):
         raise InputError(
             f"map {path} has {below.sum()} values below 0 and {above.sum()} above: disparities have one sign; give the "
             "map of this pair, with 0 where nothing is known"
@@ -109,7 +109,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
 def _read_png(path: Path) -> NDArray[Any]:
     with PIL.Image.open(regular(path), formats=["PNG"]) as picture:
         check_length(*picture.size, "PNG", path, f"map {path}")
-        check_memory(*picture.size, EACH, f"map {path}")
+        check_memory(*picture.size, BYTES_PER_PX, f"map {path}")
         if picture.mode not in _ONE_BAND:
             raise InputError(f"map {path} is a PNG of mode {picture.mode}: give one band of 8 or 16 bit")
         return np.asarray(picture)

@@ -1,4 +1,4 @@
-"""Where a photograph lies on the ground, as its file says it."""
+"""Where a photograph lies on the ground, by its file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

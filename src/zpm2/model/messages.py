@@ -1,4 +1,4 @@
-"""What a run has to say besides its numbers.
+"""Messages of a run: warnings and notes.
 
 A message is a warning unless it is a `Note`. A warning says that the result may be wrong, is not complete, or is not
 what was asked for, so that a user can do something about it; it is printed. A note says what was done on the way, as in

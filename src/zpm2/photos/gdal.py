@@ -1,8 +1,8 @@
-"""GDAL (extra `geo`: rasterio), as far as it is let: local files of known formats, and nothing that these lead to.
+"""GDAL (extra `geo`: rasterio), restricted to local files of known formats that refer to no other files.
 
-GDAL opens whatever a name or a file asks it for: addresses, archives, scripts, other files. So every file is checked
-before it is opened, with those that GDAL opens by itself, and only the driver of its format sees it. The settings hold
-while we open and read; GDAL's configuration of the machine or of other code stays as it is.
+By itself, GDAL opens whatever a name or a file refers to: addresses, archives, scripts, other files. So every file is
+checked before it is opened, with those that GDAL opens by itself, and only the driver of its format sees it. The
+settings hold while we open and read; GDAL's configuration of the machine or of other code stays as it is.
 """
 
 import os
@@ -15,9 +15,9 @@ from typing import Any
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import regular
-from zpm2.photos import jpeg2000, values, vrt
+from zpm2.photos import checks, jpeg2000, vrt
 
-CACHE = 256 * 2**20  # bytes of GDAL's cache of blocks
+CACHE_BYTES = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
 SIGNATURES = {  # how the files of a driver begin
     "GTiff": rb"II\*\0|MM\0\*|II\+\0|MM\0\+",
@@ -29,10 +29,10 @@ SIGNATURES = {  # how the files of a driver begin
     "GIF": rb"GIF8[79]a",
     "VRT": rb"(\xef\xbb\xbf)?\s*(<\?xml[^<>]*\?>)?\s*<VRTDataset",
 }
-HEAD = 1024  # bytes at the beginning, by which GDAL's drivers know their files
-DEEPEST = 8  # VRTs of VRTs
+HEAD_BYTES = 1024  # bytes at the beginning, by which GDAL's drivers know their files
+MAX_VRT_DEPTH = 8  # VRTs of VRTs
 SETTINGS = {
-    "GDAL_CACHEMAX": CACHE,
+    "GDAL_CACHEMAX": CACHE_BYTES,
     "GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO",  # the shortcut for whole PNG files takes what is missing of one for black
     # what the checks refuse anyway
     "GDAL_VRT_ENABLE_PYTHON": "NO",
@@ -71,7 +71,7 @@ def open_file(path: str | Path, what: str) -> Any:
     file = Path(os.path.abspath(name))  # absolute, no name means anything else than a file
     if _ELSEWHERE.match(name) and not file.exists():
         raise InputError(f"{what} does not exist, and only local files are read: download or convert it first")
-    with values.opened_file(file, what):  # names that no file can have are known here
+    with checks.opened_file(file, what):  # names that no file can have are known here
         pass
     (_, driver), *others = _checked(file, what)
     for other, its_driver in others:
@@ -99,11 +99,11 @@ def gdal(what: str) -> Iterator[None]:
         except Zpm2Error:
             raise
         except MemoryError as error:
-            raise values.no_memory(what) from error
+            raise checks.no_memory(what) from error
         except Exception as error:  # GDAL's errors have no public base class
             if "not recognized as" in str(error):
-                raise values.unknown_format(what) from error
-            raise values.damaged(what, error.__cause__ or error) from error
+                raise checks.unknown_format(what) from error
+            raise checks.damaged(what, error.__cause__ or error) from error
 
 
 @contextmanager
@@ -125,8 +125,10 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
         path, name, depth = unchecked.pop()
         if path in found:
             continue
-        if depth > DEEPEST:
-            raise InputError(f"{what} is a VRT of VRTs of VRTs, {DEEPEST} deep or without end: convert its parts first")
+        if depth > MAX_VRT_DEPTH:
+            raise InputError(
+                f"{what} is a VRT of VRTs of VRTs, {MAX_VRT_DEPTH} deep or without end: convert its parts first"
+            )
         found[path] = _driver(path, name)
         if found[path] == "VRT":
             for source in vrt.sources(path, beside, name):
@@ -138,8 +140,8 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
 
 def _driver(path: Path, what: str) -> str:
     """The driver for a file by its first bytes. `UnsupportedByGdal` for other formats."""
-    with values.opened_file(path, what) as file:
-        head = file.read(HEAD)
+    with checks.opened_file(path, what) as file:
+        head = file.read(HEAD_BYTES)
         if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
             raise UnsupportedByGdal(f"{what} is damaged, its boxes have no end: copy or download it again")
     for driver, signature in SIGNATURES.items():
@@ -148,7 +150,7 @@ def _driver(path: Path, what: str) -> str:
             if driver != "VRT" and re.search(rb"[<{]", head.partition(b"\0")[0]):
                 break
             return driver
-    raise UnsupportedByGdal(str(values.unknown_format(what)))
+    raise UnsupportedByGdal(str(checks.unknown_format(what)))
 
 
 def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:
@@ -166,7 +168,7 @@ def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]
         for side in listed[path.parent].get(ending, []):
             try:
                 with regular(side).open("rb") as file:
-                    head = file.read(HEAD)
+                    head = file.read(HEAD_BYTES)
             except OSError as error:
                 raise InputError(f"{what} has a side file {side}, which cannot be read: remove it") from error
             if ending.endswith(".aux"):

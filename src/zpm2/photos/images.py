@@ -1,12 +1,12 @@
-"""Photographs in: a path, an array or a PIL picture becomes a `model.Image`, or one line says why it cannot."""
+"""Photographs from a path, an array or a PIL picture as `model.Image`."""
 
 from contextlib import closing
 
 from zpm2.config import RasterConfig
 from zpm2.model import Image
-from zpm2.photos import values
+from zpm2.photos import checks
+from zpm2.photos.checks import MAX_PIXELS
 from zpm2.photos.source import DEFAULTS, ImageLike, Source, open_source
-from zpm2.photos.values import MAX_PIXELS
 
 
 def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DEFAULTS) -> Image:
@@ -32,7 +32,7 @@ def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DE
     array, a wrong shape or type, complex values, no pixel with data, a side under 32 px, more than 1 gigapixel.
     """
     if isinstance(source, Image):
-        values.check(source.rgb, name)
+        checks.check(source.rgb, name)
         return source
     with closing(open_source(source, name, config)) as opened:
         return whole(opened, name)
@@ -41,5 +41,5 @@ def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DE
 def whole(source: Source, name: str) -> Image:
     """All of a photograph at full size; `InputError` above 1 gigapixel."""
     if source.width * source.height > MAX_PIXELS:
-        raise values.too_large(name)
+        raise checks.too_large(name)
     return source.read()

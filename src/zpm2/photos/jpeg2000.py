@@ -4,12 +4,14 @@ import struct
 from typing import BinaryIO
 
 HOLDING = (b"jp2h", b"res ", b"asoc", b"uinf")  # kinds of boxes that hold boxes
-MOST = 100_000  # boxes
+MAX_BOXES = 100_000  # boxes
 
 
 def endless(file: BinaryIO) -> bool:
-    """Whether a box inside another one is said to reach to the end of the file, which only the last box of all may do:
-    GDAL reads it again and again. So is a file of more than `MOST` boxes."""
+    """Whether GDAL would never come to the end of the boxes of a file, or not soon.
+
+    A box inside another one may not declare that it reaches to the end of the file, as only the last box may; GDAL
+    reads such a box again and again. A file of more than `MAX_BOXES` boxes counts as endless too."""
     unread, seen = [(0, file.seek(0, 2), True)], 0
     while unread:
         place, end, outermost = unread.pop()
@@ -20,7 +22,7 @@ def endless(file: BinaryIO) -> bool:
             if length == 1 and place + 16 <= end:
                 length, head = *struct.unpack(">Q", file.read(8)), 16
             seen += 1
-            if (length == 0 and not outermost) or seen > MOST:
+            if (length == 0 and not outermost) or seen > MAX_BOXES:
                 return True
             if length < head:  # the last one, or no box any more
                 break

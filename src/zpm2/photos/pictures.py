@@ -14,11 +14,12 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
+from zpm2.config import StretchConfig
 from zpm2.errors import InputError
 from zpm2.files.reading import regular
 from zpm2.model import Image
 from zpm2.model.messages import Note
-from zpm2.photos import values
+from zpm2.photos import checks, radiometry
 
 # Pillow's names of the formats that are read. Others are not tried: that for PostScript, for one, starts a program.
 FORMATS = (
@@ -57,25 +58,25 @@ class UnknownFormat(InputError):
     """A file that Pillow does not know."""
 
 
-def read_file(path: Path, what: str) -> Image:
+def read_file(path: Path, what: str, stretch: StretchConfig = radiometry.DEFAULTS) -> Image:
     """The first picture of a file, by the rules of `read_image`. `UnknownFormat` where Pillow does not know the format,
     any other `InputError` for what it cannot unpack."""
-    with values.opened_file(path, what) as file, _pixel_limit(what):
+    with checks.opened_file(path, what) as file, _pixel_limit(what):
         picture = _opened(file, what)
-        values.check_length(*picture.size, picture.format or "", path, what)
-        values.check_memory(*picture.size, _bytes_each(picture), what)
+        checks.check_length(*picture.size, picture.format or "", path, what)
+        checks.check_memory(*picture.size, _bytes_each(picture), what)
         deep = picture.mode in ("RGB", "RGBA", "RGBX", "LA") and ";16" in str(getattr(picture, "tile", ""))
         pixels, notes, nodata = _unpacked(picture, what)
     if deep:
         pixels, notes = _deep_color(path, pixels, notes)
-    return values.to_image(pixels, what, str(path), notes, nodata=nodata)
+    return radiometry.to_image(pixels, what, str(path), notes, nodata, stretch)
 
 
-def from_picture(picture: PIL.Image.Image, what: str) -> Image:
+def from_picture(picture: PIL.Image.Image, what: str, stretch: StretchConfig = radiometry.DEFAULTS) -> Image:
     """A picture in memory, by the rules of `read_image`."""
     with _pixel_limit(what):
         pixels, notes, nodata = _unpacked(picture, what)
-    return values.to_image(pixels, what, None, notes, nodata=nodata)
+    return radiometry.to_image(pixels, what, None, notes, nodata, stretch)
 
 
 def opened(file: Any) -> PIL.Image.Image:
@@ -151,9 +152,9 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
     try:
         return opened(file)
     except PIL.UnidentifiedImageError as error:
-        raise UnknownFormat(str(values.unknown_format(what))) from error
+        raise UnknownFormat(str(checks.unknown_format(what))) from error
     except DAMAGE as error:
-        raise values.damaged(what, error) from error
+        raise checks.damaged(what, error) from error
 
 
 def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[str], Any]:
@@ -165,7 +166,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         orientation = _orientation(picture.getexif, notes)
         picture.load()
     except DAMAGE as error:
-        raise values.damaged(what, error) from error
+        raise checks.damaged(what, error) from error
     tags: Any = getattr(picture, "tag_v2", {})
     info, stored = dict(picture.info), picture.mode
     if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
@@ -249,12 +250,12 @@ def _pixel_limit(what: str) -> Iterator[None]:
     with _pil_lock, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="PIL")  # on metadata; what matters is an error or a note
         warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
-        before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, values.MAX_PIXELS
+        before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, checks.MAX_PIXELS
         try:
             yield
         except (PIL.Image.DecompressionBombError, PIL.Image.DecompressionBombWarning) as error:
-            raise values.too_large(what) from error
+            raise checks.too_large(what) from error
         except MemoryError as error:
-            raise values.no_memory(what) from error
+            raise checks.no_memory(what) from error
         finally:
             PIL.Image.MAX_IMAGE_PIXELS = before

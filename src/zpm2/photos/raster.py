@@ -1,6 +1,6 @@
 """Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth.
 
-What is opened at all, `photos.gdal` says.
+`photos.gdal` decides what is opened at all.
 """
 
 import math
@@ -13,20 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.config import StretchConfig
 from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image
 from zpm2.model.messages import Note
-from zpm2.photos import gdal, pictures, values
+from zpm2.photos import checks, gdal, pictures, radiometry
 from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.geolocation import place_of
 
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
-LOOK = 4_000_000  # px that are looked at on opening, for the range of brightness
-CHUNK = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
-EACH = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
-SAMPLES = 4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+PREVIEW_PX = 4_000_000  # px that are looked at on opening, for the range of brightness
+CHUNK_BYTES = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
+BYTES_PER_PX = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
+MAX_SAMPLES_PER_PX = (
+    4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
+)
 
 
 class Raster:
@@ -40,12 +43,14 @@ class Raster:
 
     held = 0  # bytes that are in memory all the time
 
-    def __init__(self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None) -> None:
-        self._source, self._what = source, what
+    def __init__(
+        self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None, stretch: StretchConfig
+    ) -> None:
+        self._source, self._what, self._stretch = source, what, stretch
         self.path, self.width, self.height = path, int(source.width), int(source.height)
         overviews = [Path(file).name for file in source.files if file.endswith(".ovr")]
         self._reduced_what = " or its overview file ".join([what, *overviews])
-        self._said = notes = list[str]()
+        self._notes_on_opening = notes = list[str]()
         self._bands = _chosen_bands(source, bands, what, notes)
         kinds = [source.dtypes[band - 1] for band in self._bands]
         if any("complex" in kind for kind in kinds):
@@ -69,9 +74,9 @@ class Raster:
     def notes(self) -> tuple[str, ...]:
         """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
         if self._sampled and self.plain:  # not before it is asked for: others read such files at once
-            self._look(self._said)
+            self._look(self._notes_on_opening)
         with gdal.gdal(self._what):
-            return (*_file_notes(self._source, self.path), *self._said)
+            return (*_file_notes(self._source, self.path), *self._notes_on_opening)
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
@@ -85,7 +90,7 @@ class Raster:
         width, height = size or (x1 - x0, y1 - y0)
         assert 0 < width <= x1 - x0, size
         assert 0 < height <= y1 - y0, size
-        values.check_memory(width, height, EACH, self._what)
+        checks.check_memory(width, height, BYTES_PER_PX, self._what)
         with gdal.gdal(self._what):
             return self._read((x0, y0, x1, y1), width, height)
 
@@ -93,7 +98,7 @@ class Raster:
         x0, y0, x1, y1 = window
         scale_x, scale_y = (x1 - x0) / width, (y1 - y0) / height
         across, down = (_samples(scale_x), _samples(scale_y)) if self._sampled else (1, 1)
-        rows = max(1, CHUNK // (width * across * down * len(self._bands) * self._type.itemsize))
+        rows = max(1, CHUNK_BYTES // (width * across * down * len(self._bands) * self._type.itemsize))
         rgb = np.empty((height, width, 3), np.uint8)
         valid = np.ones((height, width), bool)
         for top in range(0, height, rows):
@@ -145,13 +150,13 @@ class Raster:
 
     def _look(self, notes: list[str]) -> None:
         """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
-        step = math.ceil(math.sqrt(self.width * self.height / LOOK))
+        step = math.ceil(math.sqrt(self.width * self.height / PREVIEW_PX))
         size = max(1, self.width // step), max(1, self.height // step)
         seen, valid = self._pixels((0, 0, self.width, self.height), *size)
         if valid is not None:
-            notes += values.gap_notes(valid, self._what)
+            notes += radiometry.gap_notes(valid, self._what)
         if self._type != np.uint8 and self._palette is None:
-            self._range, self._fills, more = values.look(seen, valid, guess=True)
+            self._range, self._fills, more = radiometry.look(seen, valid, True, self._stretch)
             self._sampled |= bool(self._fills)
             notes += more
 
@@ -178,22 +183,28 @@ class Raster:
         seen = np.moveaxis(seen, 0, -1)
         if self._palette is not None:
             seen = self._palette[np.minimum(seen[..., 0], len(self._palette) - 1)]
-            seen, valid = seen[..., :3], values.both(valid, seen[..., 3] > 0)
+            seen, valid = seen[..., :3], radiometry.both(valid, seen[..., 3] > 0)
         if self._type.kind == "f":
-            valid = values.both(valid, np.isfinite(seen).all(axis=2))
+            valid = radiometry.both(valid, np.isfinite(seen).all(axis=2))
         for fill in self._fills:
-            valid = values.both(valid, values.differs(seen, fill))
+            valid = radiometry.both(valid, radiometry.differs(seen, fill))
         return seen, None if valid is None or valid.all() else valid
 
     def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
         if self._range is not None:
-            seen = values.scaled(seen, *self._range)
+            seen = radiometry.scaled(seen, *self._range)
         elif seen.dtype != np.uint8:
             seen = np.rint(seen).astype(np.uint8)
         return 255 - seen if self._negative else seen
 
 
-def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = (), gsd: float | None = None) -> Raster:
+def open_raster(
+    path: str | Path,
+    name: str = "image",
+    bands: Sequence[int] = (),
+    gsd: float | None = None,
+    stretch: StretchConfig = radiometry.DEFAULTS,
+) -> Raster:
     """The raster in a file, of which nothing but a reduced look is read yet.
 
     bands: which, from 1: one for grey or three for red, green, blue; default: those that the file marks so, else the
@@ -214,11 +225,11 @@ def open_raster(path: str | Path, name: str = "image", bands: Sequence[int] = ()
         with gdal.gdal(what):
             if not source.count:
                 raise InputError(f"{what} has no bands")
-            values.check_sides(source.width, source.height, what)
+            checks.check_sides(source.width, source.height, what)
             if os.path.exists(path):
-                values.check_length(source.width, source.height, source.driver, path, what)
-            values.check_memory(*_unpacked_at_once(source), what)
-            return Raster(source, str(path), what, bands, gsd)
+                checks.check_length(source.width, source.height, source.driver, path, what)
+            checks.check_memory(*_unpacked_at_once(source), what)
+            return Raster(source, str(path), what, bands, gsd, stretch)
     except BaseException:
         source.close()
         raise
@@ -324,7 +335,7 @@ def _bits(source: Any, band: int) -> int:
 
 def _samples(scale: float) -> int:
     """How many source pixels along one side become a pixel."""
-    return int(scale) if scale in range(1, SAMPLES) else SAMPLES
+    return int(scale) if scale in range(1, MAX_SAMPLES_PER_PX) else MAX_SAMPLES_PER_PX
 
 
 def _means(

@@ -1,4 +1,4 @@
-"""Photographs of any size behind one face: kept in memory, or read from their file by windows where that pays."""
+"""Photographs of any size through one interface: held in memory, or read from their file by windows."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zpm2.config import RasterConfig
 from zpm2.errors import InputError, MissingDependency
 from zpm2.model import Georeference, Image
-from zpm2.photos import pictures, values
+from zpm2.photos import checks, pictures, radiometry
 from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.raster import Window, open_raster
 
@@ -124,23 +124,23 @@ def open_source(
         return _open_file(Path(source), name, config, gsd)
     if config.bands:
         raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
-    return InMemoryPhoto(_from_memory(source, name), (), gsd)
+    return InMemoryPhoto(_from_memory(source, name, config), (), gsd)
 
 
 def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -> Source:
     what, bands = f"{name} {path}", config.bands
     try:
-        raster = open_raster(path, name, bands, gsd)
+        raster = open_raster(path, name, bands, gsd, config.stretch)
     except MissingDependency:
         if bands:
             raise
         try:
-            return InMemoryPhoto(pictures.read_file(path, what), _missed(path, config), gsd)
+            return InMemoryPhoto(pictures.read_file(path, what, config.stretch), _missed(path, config), gsd)
         except pictures.UnknownFormat as error:
             raise InputError(f'{error}; with pip install "zpm2[geo]" more kinds of rasters are read') from error
     except UnsupportedByGdal as error:
         try:
-            image = pictures.read_file(path, what)
+            image = pictures.read_file(path, what, config.stretch)
         except pictures.UnknownFormat:
             raise error from None  # which knows more about rasters
         if bands:
@@ -150,19 +150,19 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
     if raster.placed or raster.geo.transform is not None or bands or large:
         return raster
     with raster:
-        image = pictures.read_file(path, what) if raster.plain else raster.read()
+        image = pictures.read_file(path, what, config.stretch) if raster.plain else raster.read()
         dropped = raster.alpha and not raster.plain and image.valid is None
-    return InMemoryPhoto(image, [values.NOT_TRANSPARENT] if dropped else (), gsd)
+    return InMemoryPhoto(image, [radiometry.NOT_TRANSPARENT] if dropped else (), gsd)
 
 
-def _from_memory(source: Any, name: str) -> Image:
+def _from_memory(source: Any, name: str, config: RasterConfig) -> Image:
     if isinstance(source, Image):
-        values.check(source.rgb, name)
+        checks.check(source.rgb, name)
         return source
     if isinstance(source, PIL.Image.Image):
-        return pictures.from_picture(source, name)
+        return pictures.from_picture(source, name, config.stretch)
     if isinstance(source, np.ndarray):
-        return values.to_image(source, name)
+        return radiometry.to_image(source, name, stretch=config.stretch)
     raise InputError(f"{name}: expected a path, a numpy array or a PIL picture, got {type(source).__name__}")
 
 

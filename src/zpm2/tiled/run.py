@@ -22,8 +22,8 @@ from zpm2.local_match.confidence import lower_confidence
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
+from zpm2.photos.checks import MIN_SIDE
 from zpm2.photos.source import Source, reduced
-from zpm2.photos.values import MIN_SIDE
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer

@@ -19,9 +19,9 @@ from zpm2 import memory
 from zpm2.config import Config
 from zpm2.features import PointMatcher
 from zpm2.model import Image, Mask, PointMatches, thin
+from zpm2.photos.checks import MIN_SIDE
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
-from zpm2.photos.values import MIN_SIDE
 from zpm2.pipeline import PairMatcher
 from zpm2.runtime import Progress, StageTimer
 from zpm2.segment.protocol import Segmenter

@@ -221,7 +221,7 @@ def test_numbering_does_not_depend_on_the_rows_that_are_numbered_at_a_time(tmp_p
     values = np.random.default_rng(0).choice([0, 3, 500, 70_000], (HEIGHT, WIDTH)).astype(np.int64)
     np.save(tmp_path / "a.npy", values)
     whole = source(tmp_path / "a.npy").segment(IMAGE)
-    monkeypatch.setattr("zpm2.segment.given.labels.CHUNK", 100)
+    monkeypatch.setattr("zpm2.segment.given.labels.CHUNK_PX", 100)
     parts = source(tmp_path / "a.npy").segment(IMAGE)
     assert [(m.x0, m.y0, m.label, m.bits.tobytes()) for m in whole] == [
         (m.x0, m.y0, m.label, m.bits.tobytes()) for m in parts

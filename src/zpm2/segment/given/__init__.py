@@ -1,1 +1,1 @@
-"""Regions that the user brings: label images, COCO JSON, GeoJSON, shapefiles."""
+"""Regions given by the user: label images, COCO JSON, GeoJSON, shapefiles."""

@@ -14,13 +14,13 @@ from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import read_array, regular
 from zpm2.model import Image, Mask
 from zpm2.photos import gdal, pictures
-from zpm2.photos.values import MAX_PIXELS, check_length, check_memory, no_memory
+from zpm2.photos.checks import MAX_PIXELS, check_length, check_memory, no_memory
 from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
 Values = NDArray[Any]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
-CHUNK = 4_000_000  # px that are numbered at a time
-EACH = 16  # bytes a pixel: what is read, where there is no data, and the numbers
+CHUNK_PX = 4_000_000  # px that are numbered at a time
+BYTES_PER_PX = 16  # bytes a pixel: what is read, where there is no data, and the numbers
 ORIENTATION, NODATA = 274, 42113  # tags of a TIFF
 
 
@@ -64,7 +64,7 @@ def open_labels(path: Path) -> RegionReader:
 
 
 def _regions(labels: Values) -> list[GivenRegion]:
-    rows = max(1, CHUNK // labels.shape[1]) if labels.size else 1
+    rows = max(1, CHUNK_PX // labels.shape[1]) if labels.size else 1
     starts = range(0, len(labels), rows)
     found = [np.unique(labels[start : start + rows]) for start in starts]
     values = np.unique(np.concatenate([np.zeros(0, labels.dtype), *found]))
@@ -159,7 +159,7 @@ def _check(what: str, width: int, height: int, pages: str) -> None:
         raise InputError(f"{what} holds {pages} pages: give the one of this photograph as a file of its own")
     if width * height > MAX_PIXELS:
         raise InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: give polygons (GeoJSON) instead")
-    check_memory(width, height, EACH, what)
+    check_memory(width, height, BYTES_PER_PX, what)
 
 
 def _several_bands(what: str, shape: tuple[int, ...]) -> InputError:

@@ -1,4 +1,4 @@
-"""Regions that people bring along: a label image, COCO or SAM annotations, or GeoJSON."""
+"""Regions given by the user: a label image, COCO or SAM annotations, or GeoJSON."""
 
 from collections import Counter
 from dataclasses import dataclass, replace

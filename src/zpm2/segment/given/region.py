@@ -24,7 +24,7 @@ class GivenRegion:
 
 @dataclass(frozen=True, eq=False)
 class GivenRegions:
-    """What a file has for a photograph, and what a person should know of that."""
+    """The regions that a file has for a photograph, and notes for the user."""
 
     regions: list[GivenRegion]
     notes: list[str] = field(default_factory=list)
@@ -45,8 +45,8 @@ def check_size(name: str, size: tuple[int, int], image: Image) -> None:
 
 
 def other_photograph(name: Any, image: Image) -> list[str]:
-    """The note that a file names another photograph. It may have another ending or folder; of what was renamed nobody
-    can tell, so this is said and not refused."""
+    """The note that a file names another photograph; folder and suffix may differ. It is no error, as the photograph
+    may have been renamed."""
     if not isinstance(name, str) or not name or image.path is None:
         return []
     theirs, ours = PureWindowsPath(name), PureWindowsPath(image.path)

@@ -1,4 +1,4 @@
-"""Files of regions that people bring along, told apart by ending and content."""
+"""Region files of the user, told apart by suffix and content."""
 
 import os
 from functools import partial

@@ -1,47 +1,41 @@
-"""Pixels of any kind as 8-bit RGB, and which of them hold data: one rule, whichever library has read them."""
+"""Pixels of any kind to 8-bit RGB, and which of them hold data: one rule for all readers."""
 
 import math
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any, BinaryIO
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2 import memory
+from zpm2.config import StretchConfig
 from zpm2.errors import InputError
-from zpm2.files.reading import regular
 from zpm2.model import Image
 from zpm2.model.messages import Note
+from zpm2.photos import checks
 
-MIN_SIDE = 32  # px, below this there is nothing to segment
-MAX_PIXELS = 1_000_000_000  # px, beyond this a file is refused before it is unpacked
-PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which each pixel takes some part of a byte
-MAX_PER_BYTE = 8 * 1032  # px, of one bit, packed as well as deflate can
-STRETCH = (0.5, 99.5)  # percentiles that become 0 and 255 where values have no 8-bit meaning
-FILLED = 0.05  # share of the pixels that one value at the border must have to be taken for no data
-FRAMED = 0.5  # or share of the border itself
-ALL = 0.99  # share from which on a value is the picture itself
-SEEN = 0.005  # share of one value from which on it counts: it moves the range of brightness
-APART = 0.25  # of the range of all other values: a value that is so far from them may mean no data
 OPAQUE = Note("The alpha band was dropped; every pixel was opaque.")
 NOT_TRANSPARENT = Note("The alpha band was dropped; no pixel was fully transparent.")
+
+DEFAULTS = StretchConfig()
 
 Values = NDArray[Any]
 Valid = NDArray[np.bool_] | None  # (h, w) where there is data; None: everywhere
 
 
 def to_image(
-    values: Values, what: str, path: str | None = None, notes: Sequence[str] = (), nodata: float | None = None
+    values: Values,
+    what: str,
+    path: str | None = None,
+    notes: Sequence[str] = (),
+    nodata: float | None = None,
+    stretch: StretchConfig = DEFAULTS,
 ) -> Image:
     """(h, w), (h, w, 1), (h, w, 3) or (h, w, 4) values, the last with alpha, as a photograph. See `read_image`.
 
     What is transparent, or is `nodata` in all bands, holds no data. Values with a `path` are those of a file: there
     NaN, infinity and what fills the border hold none either. `InputError` for values that cannot be used.
     """
-    check(values, what)
+    checks.check(values, what)
     notes = list(notes)
     valid: Valid = None
     if values.dtype == np.bool_:
@@ -64,7 +58,7 @@ def to_image(
     if valid is not None:
         notes += gap_notes(valid, what)
     if values.dtype != np.uint8:
-        (low, high), fills, more = look(values, valid, guess=path is not None)
+        (low, high), fills, more = look(values, valid, path is not None, stretch)
         notes += more
         for fill in fills:
             valid = both(valid, differs(values, fill))
@@ -89,24 +83,6 @@ def differs(values: Values, nodata: Any) -> NDArray[np.bool_]:
     return np.asarray((values != nodata).any(axis=2))
 
 
-def check(values: Values, what: str) -> None:
-    """`InputError` for an array of a shape or type that is no photograph."""
-    shape = " x ".join(map(str, values.shape))
-    if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (1, 3, 4)):
-        hint = ": move the channels last" if values.ndim == 3 and values.shape[0] in (1, 3, 4) else ""
-        raise InputError(f"{what}: expected (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), got {shape or 'a scalar'}{hint}")
-    height, width = values.shape[:2]
-    check_sides(width, height, what)
-    if values.dtype.kind not in "buif":
-        raise InputError(f"{what}: expected bool, integer or float values, got {values.dtype}")
-
-
-def check_sides(width: int, height: int, what: str) -> None:
-    """`InputError` for a photograph `what` that is too small to find anything in."""
-    if min(height, width) < MIN_SIDE:
-        raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
-
-
 def gap_notes(valid: NDArray[np.bool_], what: str) -> list[str]:
     """The note that some pixels hold no data; none where all do. `InputError` where no pixel does."""
     share = 1 - np.count_nonzero(valid) / valid.size
@@ -117,13 +93,15 @@ def gap_notes(valid: NDArray[np.bool_], what: str) -> list[str]:
     return [Note(f"Pixels without data (nodata, alpha or not finite) are left out: {max(share, 0.001):.1%}.")]
 
 
-def look(values: Values, valid: Valid, guess: bool) -> tuple[tuple[float, float], list[Values], list[str]]:
+def look(
+    values: Values, valid: Valid, guess: bool, stretch: StretchConfig = DEFAULTS
+) -> tuple[tuple[float, float], list[Values], list[str]]:
     """What the (h, w, bands) values tell that are not 8-bit ones: the range of brightness; where it may be guessed, the
     values (bands,) that fill the border without being declared as no data; and the notes on both."""
     fills: list[Values] = []
     notes = []
-    low, high, note = brightness_range(_known(values, valid))
-    while guess and "stretched" in note and (found := _fill(values, valid)) is not None:
+    low, high, note = brightness_range(_known(values, valid), stretch)
+    while guess and "stretched" in note and (found := _fill(values, valid, stretch)) is not None:
         fill, share = found
         fills.append(fill)
         valid = both(valid, differs(values, fill))
@@ -131,9 +109,9 @@ def look(values: Values, valid: Valid, guess: bool) -> tuple[tuple[float, float]
             f"{share:.1%} of the pixels, along the border, have the value {_text(fill)}, which is not declared as no "
             "data: they are taken as no data."
         )
-        low, high, note = brightness_range(_known(values, valid))
+        low, high, note = brightness_range(_known(values, valid), stretch)
     if guess and "stretched" in note:
-        notes += _extremes(_known(values, valid))
+        notes += _extremes(_known(values, valid), stretch)
     return (low, high), fills, [*notes, note]
 
 
@@ -141,7 +119,7 @@ def _known(values: Values, valid: Valid) -> Values:
     return values if valid is None else values[valid][:, None]
 
 
-def _fill(values: Values, valid: Valid) -> tuple[Values, float] | None:
+def _fill(values: Values, valid: Valid, stretch: StretchConfig) -> tuple[Values, float] | None:
     """The (bands,) value that most pixels at the border have, where it fills the border or much of the picture; and its
     share of the pixels with data."""
     rim: NDArray[np.bool_] = np.ones(values.shape[:2], bool)
@@ -152,11 +130,11 @@ def _fill(values: Values, valid: Valid) -> tuple[Values, float] | None:
     each, count = np.unique(found, axis=0, return_counts=True)
     fill, most = each[count.argmax()], count.max() / np.count_nonzero(rim)
     share = 1 - float(differs(_known(values, valid), fill).mean())
-    filled = share >= FILLED and most >= SEEN
-    return (fill, share) if (filled or most >= FRAMED) and share < ALL else None
+    filled = share >= stretch.fill_share and most >= stretch.noticed_share
+    return (fill, share) if (filled or most >= stretch.fill_border_share) and share < stretch.picture_share else None
 
 
-def _extremes(known: Values) -> list[str]:
+def _extremes(known: Values, stretch: StretchConfig) -> list[str]:
     """The note on a least or greatest value, far from all others, that many pixels have, though not most of the border:
     perhaps it means no data."""
     notes = []
@@ -164,10 +142,10 @@ def _extremes(known: Values) -> list[str]:
         other = differs(known, extreme)
         share = 1 - float(other.mean())
         rest = known[other]
-        if not SEEN <= share < ALL:
+        if not stretch.noticed_share <= share < stretch.picture_share:
             continue
         low, high = float(rest.min()), float(rest.max())
-        if max(low - float(extreme), float(extreme) - high) > APART * (high - low):
+        if max(low - float(extreme), float(extreme) - high) > stretch.far_share * (high - low):
             notes.append(
                 f"{share:.1%} of the pixels have the value {extreme:g}, far from all others: if it means no data, "
                 "declare it so (gdal_edit.py -a_nodata)."
@@ -180,15 +158,16 @@ def _text(fill: Values) -> str:
     return ", ".join(f"{value:g}" for value in same)
 
 
-def brightness_range(values: Values) -> tuple[float, float, str]:
+def brightness_range(values: Values, stretch: StretchConfig = DEFAULTS) -> tuple[float, float, str]:
     """The values that become 0 and 255, and the note that says so. See `read_image` for the rule.
 
     values: (h, w) or (h, w, bands), floats (finite) or integers.
     """
     floating = values.dtype.kind == "f"
     kind = f"{values.dtype.itemsize * 8}-bit {'floats' if floating else 'integers'}"
+    percentiles = stretch.low_percentile, stretch.high_percentile
     step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
-    low, high = (float(v) for v in np.percentile(values[::step, ::step].astype(np.float64), STRETCH))
+    low, high = (float(v) for v in np.percentile(values[::step, ::step].astype(np.float64), percentiles))
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
         if least >= 0 and most <= full and high >= full / 4:
@@ -205,62 +184,3 @@ def scaled(values: Values, low: float, high: float) -> NDArray[np.uint8]:
     for row in range(0, len(values), 256):
         out[row : row + 256] = np.rint(np.clip((values[row : row + 256].astype(np.float64) - low) * scale, 0, 255))
     return out
-
-
-# --- files
-
-
-@contextmanager
-def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
-    """The file, which has something in it, open for reading; `InputError` for what the system has against that."""
-    try:
-        with regular(path).open("rb") as file:
-            if not file.read(1):
-                raise InputError(f"{what} is empty (0 bytes): copy or download it again")
-            file.seek(0)
-            yield file
-    except FileNotFoundError as error:
-        raise InputError(f"{what} does not exist: check the path") from error
-    except IsADirectoryError as error:
-        raise InputError(f"{what} is a folder: give the path of a picture in it") from error
-    except PermissionError as error:
-        raise InputError(f"{what} may not be read: change its permissions or copy it") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{what} cannot be read: {_one_line(error)}") from error
-
-
-def check_length(width: int, height: int, kind: str, path: str | Path, what: str) -> None:
-    """`InputError` for a file of a packed `kind` (Pillow's and GDAL's name) that is too short to hold its pixels."""
-    if kind in PACKED and width * height > MAX_PER_BYTE * (length := os.stat(path).st_size):
-        raise damaged(what, ValueError(f"{width} x {height} px in {length} bytes"))
-
-
-def check_memory(width: int, height: int, each: float, what: str) -> None:
-    """`InputError` for a photograph that is to be in memory at once, with `each` bytes a pixel, and does not fit into
-    the budget."""
-    memory.refuse_above(width * height * each, f"{what} ({width} x {height} px)", "reduce it, or raise --max-memory")
-
-
-def no_memory(what: str) -> InputError:
-    """The error for a photograph that does not fit into memory."""
-    return InputError(f"{what} needs more memory than there is: match it in tiles, or reduce it")
-
-
-def too_large(what: str) -> InputError:
-    """The error for more than `MAX_PIXELS` that would have to be in memory at once."""
-    return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, or reduce it")
-
-
-def unknown_format(what: str) -> InputError:
-    """The error for a file that no library knows."""
-    return InputError(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file")
-
-
-def damaged(what: str, error: BaseException) -> InputError:
-    """The error for a file whose content cannot be unpacked, with the decoder's own words."""
-    return InputError(f"{what} is damaged or cut short ({_one_line(error)}): copy or download it again")
-
-
-def _one_line(error: BaseException) -> str:
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return " ".join(text.split()) or type(error).__name__

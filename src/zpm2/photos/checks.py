@@ -1,0 +1,92 @@
+"""Whether a photograph can be used: its file, its shape, its size; and the errors that say why not."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from numpy.typing import NDArray
+
+from zpm2 import memory
+from zpm2.errors import InputError
+from zpm2.files.reading import regular
+
+MIN_SIDE = 32  # px, below this there is nothing to segment
+MAX_PIXELS = 1_000_000_000  # px, beyond this a file is refused before it is unpacked
+PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which each pixel takes some part of a byte
+MAX_PER_BYTE = 8 * 1032  # px, of one bit, packed as well as deflate can
+
+
+def check(values: NDArray[Any], what: str) -> None:
+    """`InputError` for an array of a shape or type that is no photograph."""
+    shape = " x ".join(map(str, values.shape))
+    if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (1, 3, 4)):
+        hint = ": move the channels last" if values.ndim == 3 and values.shape[0] in (1, 3, 4) else ""
+        raise InputError(f"{what}: expected (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), got {shape or 'a scalar'}{hint}")
+    height, width = values.shape[:2]
+    check_sides(width, height, what)
+    if values.dtype.kind not in "buif":
+        raise InputError(f"{what}: expected bool, integer or float values, got {values.dtype}")
+
+
+def check_sides(width: int, height: int, what: str) -> None:
+    """`InputError` for a photograph `what` that is too small to find anything in."""
+    if min(height, width) < MIN_SIDE:
+        raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
+
+
+@contextmanager
+def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
+    """The file, which has something in it, open for reading; `InputError` for what the system has against that."""
+    try:
+        with regular(path).open("rb") as file:
+            if not file.read(1):
+                raise InputError(f"{what} is empty (0 bytes): copy or download it again")
+            file.seek(0)
+            yield file
+    except FileNotFoundError as error:
+        raise InputError(f"{what} does not exist: check the path") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{what} is a folder: give the path of a picture in it") from error
+    except PermissionError as error:
+        raise InputError(f"{what} may not be read: change its permissions or copy it") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{what} cannot be read: {_one_line(error)}") from error
+
+
+def check_length(width: int, height: int, kind: str, path: str | Path, what: str) -> None:
+    """`InputError` for a file of a packed `kind` (Pillow's and GDAL's name) that is too short to hold its pixels."""
+    if kind in PACKED and width * height > MAX_PER_BYTE * (length := os.stat(path).st_size):
+        raise damaged(what, ValueError(f"{width} x {height} px in {length} bytes"))
+
+
+def check_memory(width: int, height: int, each: float, what: str) -> None:
+    """`InputError` for a photograph that is to be in memory at once, with `each` bytes a pixel, and does not fit into
+    the budget."""
+    memory.refuse_above(width * height * each, f"{what} ({width} x {height} px)", "reduce it, or raise --max-memory")
+
+
+def no_memory(what: str) -> InputError:
+    """The error for a photograph that does not fit into memory."""
+    return InputError(f"{what} needs more memory than there is: match it in tiles, or reduce it")
+
+
+def too_large(what: str) -> InputError:
+    """The error for more than `MAX_PIXELS` that would have to be in memory at once."""
+    return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, or reduce it")
+
+
+def unknown_format(what: str) -> InputError:
+    """The error for a file that no library knows."""
+    return InputError(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file")
+
+
+def damaged(what: str, error: BaseException) -> InputError:
+    """The error for a file whose content cannot be unpacked, with the decoder's own words."""
+    return InputError(f"{what} is damaged or cut short ({_one_line(error)}): copy or download it again")
+
+
+def _one_line(error: BaseException) -> str:
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split()) or type(error).__name__
