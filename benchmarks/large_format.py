@@ -506,7 +506,7 @@ def show_growth(runs: Sequence[dict[str, Any]], exponent: float | None) -> None:
 
 # --- pyramid or fixed range
 
-PARTS = "place", "search_candidates", "possible_matches"
+PARTS = "locate", "search_candidates", "possible_matches"
 VARIANTS = {"full": (), "L = 2": ("global_match.max_layers=2",), "fixed range": ("global_match.search=fixed",)}
 
 

@@ -34,13 +34,14 @@ def test_settings_are_completed() -> None:
 
 
 def test_what_is_completed_is_what_the_package_takes() -> None:
-    from zpm2 import api, config, features, result
+    from zpm2 import api, config, features
     from zpm2.evaluate.datasets import DATASETS
+    from zpm2.formats import registry
 
     assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc")
     assert tuple(options.segmenters()) == (*config.choices("segment.model"), "precomputed")
     assert tuple(options.point_matchers()) == tuple(features.METHODS)
-    assert tuple(options.known_formats()) == tuple(result.FORMATS)
+    assert tuple(options.known_formats()) == tuple(registry.names())
     assert tuple(options.datasets()) == tuple(DATASETS)
     assert tuple(options.presets()) == tuple(config.PRESETS)
 
@@ -60,8 +61,8 @@ def test_the_help_names_all_there_is(option: str) -> None:
         (("cloud", "ws", "--spacing", "nan"), "--spacing nan: give a distance above 0"),
         (("cloud", "ws", "--disparity-scale", "-1"), "--disparity-scale -1.0: give a number above 0"),
         (("pose", "a.png", "b.png", "--baseline", "inf"), "--baseline inf: give a length above 0"),
-        (("reconstruct", "x", "--max-size", "99"), "--max-size 99: give at least 100 px, and at most 100,000"),
-        (("reconstruct", "x", "--neighbors", "0"), "--neighbors 0: give at least 1, and at most 1,000"),
+        (("reconstruct", "x", "--max-size", "99"), "reconstruct.max_size must be at least 100 px, got 99"),
+        (("reconstruct", "x", "--neighbors", "0"), "reconstruct.neighbors must be at least 1, got 0"),
     ],
 )
 def test_numbers_out_of_range(run: Run, words: tuple[str, ...], why: str) -> None:

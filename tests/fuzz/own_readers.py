@@ -66,7 +66,7 @@ def _results() -> list[Reader]:
         predictions.load(pair, folder)
         predictions.load_pose(pair, folder)
         predictions.memory(pair, folder)
-        predictions.is_of(pair, folder)
+        predictions.is_current(pair, folder)
 
     pose = {
         "pose": {"rotation": np.eye(3).tolist(), "translation": [1, 0, 0], "flags": ["planar"]},

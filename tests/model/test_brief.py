@@ -57,5 +57,5 @@ def test_long_texts_are_cut_in_front() -> None:
 def test_every_public_result_has_the_rule() -> None:
     from zpm2.model.brief import brief
 
-    for kind in (zpm2.MatchResult, zpm2.pose.PoseResult, zpm2.cloud.PolygonCloud, zpm2.cloud.Surface, zpm2.Polygon):
+    for kind in (zpm2.MatchResult, zpm2.pose.PoseResult, zpm2.cloud.PolygonCloud, zpm2.cloud.SurfaceMesh, zpm2.Polygon):
         assert kind.__repr__ is brief

@@ -88,7 +88,7 @@ def tiled(shapes, side=SIDE, overlap=OVERLAP, level=1, size=SIZE):
 
 
 def put_together(given, size=SIZE, tolerance=1.0, least=LEAST, nms_iou=0.7):
-    return stitch(pieces_of(given, size), size, nms_iou, VectorizeConfig(tolerance), least)
+    return stitch(pieces_of(given, size), size, nms_iou, tolerance, least)
 
 
 def agreement(found, wanted):

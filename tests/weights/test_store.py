@@ -156,7 +156,7 @@ class Trap:
         (pickle.dumps({"a": Trap()}, protocol=2), "cannot be read as weights"),
         (b"not a pickle", "cannot be read as weights"),
         (b"", "cannot be read as weights"),
-        (pickle.dumps([1, 2], protocol=2), "cannot be read as weights|something else than named tensors"),
+        (pickle.dumps([1, 2], protocol=2), "cannot be read as weights|something other than named tensors"),
     ],
 )
 def test_load_refuses_what_is_no_state_dict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, said: str):
@@ -173,7 +173,7 @@ def test_load_refuses_other_values(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     torch.save({"a": 1, "b": torch.zeros(1)}, tmp_path / "saved")
     put(monkeypatch, tmp_path, (tmp_path / "saved").read_bytes())
-    with pytest.raises(WeightsError, match="something else than named tensors"):
+    with pytest.raises(WeightsError, match="something other than named tensors"):
         weights.load_state_dict("tiny", directory=tmp_path)
 
 

@@ -50,7 +50,7 @@ def match(
         list[str] | None,
         typer.Option(
             "--format",
-            help="More files: gpkg, shapefile, coco. Repeatable.",
+            help="More files: coco, geojson, gpkg, shapefile. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),

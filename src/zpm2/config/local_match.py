@@ -25,13 +25,15 @@ class HomographyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`local_match.confidence`)."""
 
-    intercept: float = number(3.4, "subtracted", unit="log-odds", source=FITTED)
+    intercept: float = number(3.4, "subtracted", unit="log-odds", high=100, source=FITTED)
     overlap: float = number(
-        3.4, "weight of the overlap (IoU) of the rectified polygons", unit="log-odds", source=FITTED
+        3.4, "weight of the overlap (IoU) of the rectified polygons", unit="log-odds", high=100, source=FITTED
     )
-    points: float = number(0.46, "weight of log(1 + DSF)", unit="log-odds", source=FITTED)
-    texture: float = number(3.0, "weight of the correlation R of their texture", unit="log-odds", source=FITTED)
-    area: float = number(1.8, "weight of the ratio of their areas", unit="log-odds", source=FITTED)
+    points: float = number(0.46, "weight of log(1 + DSF)", unit="log-odds", high=100, source=FITTED)
+    texture: float = number(
+        3.0, "weight of the correlation R of their texture", unit="log-odds", high=100, source=FITTED
+    )
+    area: float = number(1.8, "weight of the ratio of their areas", unit="log-odds", high=100, source=FITTED)
     unsupported: float = share(
         0.1, "factor of all confidences where the points agree no better than by chance: two different scenes"
     )

@@ -69,7 +69,9 @@ class PoseConfig:
     inlier: float = number(2.0, "Sampson distance of a point that agrees with a pose", unit="noise_px")
     min_region_points: int = number(5, "points from which on a matched region is judged as a whole", low=1)
     min_region_agreement: float = share(0.3, "points of a region that must agree with the pose")
-    refine_reach: float = number(5.0, "Sampson distance of points that take part in the refinement", unit="noise_px")
+    refine_reach: float = number(
+        5.0, "Sampson distance of points that take part in the refinement", unit="noise_px", above=True
+    )
     refine_steps: int = number(30, "Newton steps of the refinement, at most", low=1, high=10_000)
     jackknife_blocks: int = number(
         3, "along each side of the left image: the groups left out one by one for the covariance", low=1, high=100

@@ -9,7 +9,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from zpm2.cli.console import known_formats
+from zpm2.cli.options import known_formats
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.formats import registry
 from zpm2.formats.registry import OutputFormat, PairResult, register

@@ -21,7 +21,7 @@ OPENING = (  # of libraries, where they are given a path or its file
 )
 LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
-    "reading.py: unpack_gzip": "bytes",
+    "files/reading.py: unpack_gzip": "bytes",
     "cloud/page.py: page": "the package's own template",
     "files/keys.py: code": "the package's own source",
     "files/lock.py": "a file without content",
