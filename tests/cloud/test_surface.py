@@ -70,6 +70,7 @@ def test_turned_triangles_are_said_and_are_neighbors_nonetheless() -> None:
         (SQUARE, np.array([[0, 1, 2, 3]]), "expected vertices"),
         (SQUARE, TWO + 2, "does not have"),
         (SQUARE * np.nan, TWO, "no triangle with finite vertices"),
+        (SQUARE * 1e200, TWO, "no triangle with finite vertices"),
         (SQUARE * 0, TWO, "no triangle with an area"),
     ],
 )

@@ -18,6 +18,7 @@ from zpm2.model.brief import brief
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FORMATS = (".ply", ".obj", ".stl", ".glb", ".off")
+FARTHEST = 1e60  # in the unit of the mesh, of a coordinate: areas beyond cannot be computed
 FLAT = 1e-12  # of the squared extent: triangles of less area are degenerate
 
 
@@ -74,9 +75,9 @@ class Surface:
         if triangles.min() < 0 or triangles.max() >= len(points):
             raise InputError(f"{name} has triangles of vertices that it does not have: export it again")
         notes = []
-        finite = np.asarray(np.isfinite(points).all(1))
+        finite = np.asarray((np.abs(points) <= FARTHEST).all(1))  # False for NaN, too
         usable = finite[triangles].all(1)
-        notes += _said(int((~usable).sum()), "triangles have a vertex that is not finite, and were left out")
+        notes += _said(int((~usable).sum()), "triangles have a vertex that is not finite or too far, and were left out")
         triangles = triangles[usable]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with finite vertices: export it again")
