@@ -5,7 +5,6 @@ option.
 """
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -14,12 +13,11 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.errors import ConfigError
 from zpm2.features import PointMatcher
-from zpm2.files.listing import json_file
 from zpm2.files.photo_paths import are_swapped, has_content
 from zpm2.model import SIDES
 from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
-from zpm2.result import MatchResult
+from zpm2.result import MatchResult, read_result
 from zpm2.runtime import Progress
 from zpm2.segment.protocol import Segmenter
 from zpm2.tiled.run import TiledRun
@@ -50,7 +48,7 @@ class Matcher:
         say: Callable[[str], None] = lambda text: None,
         kept: str | Path | None = None,
     ) -> None:
-        self.config = configuration.preset(config) if isinstance(config, str) else config
+        self.config = configuration.as_config(config)
         self.progress, self.say = progress, say
         self.kept = None if kept is None else Path(kept)
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=progress, say=say)
@@ -129,7 +127,7 @@ def match(
         _one_of("segmenter", segmenter, SEGMENTERS)
     base = preset if config is None else config
     chosen = configuration.with_options(
-        configuration.preset(base) if isinstance(base, str) else base,
+        configuration.as_config(base),
         {
             "segmenter": None if segmenter == PRECOMPUTED else segmenter,
             "quality": quality,
@@ -194,8 +192,7 @@ def saved_matches(
     `ConfigError` where the matches are of photographs of another size, or of these in the other order. A file of the
     right size with other content may be the same photograph, better exposed for instance: the result gets a warning.
     """
-    matched = MatchResult.load(folder)
-    document = json_file(Path(folder) / "matches.json" if os.path.isdir(folder) else Path(folder))
+    matched, document = read_result(folder)
     noted = [document[name] for name in SIDES]
     if are_swapped(noted, photographs):
         raise ConfigError(f"--matches {folder} is of these images the other way round: exchange them")

@@ -5,7 +5,9 @@ says what is wrong and what to do; the command line prints it and leaves with ex
 exist (no homography from three points) is no misuse: it is a `Failed`, which is falsy and carries its reason.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 
 class Zpm2Error(Exception):
@@ -51,3 +53,9 @@ class Failed:
 
     def __str__(self) -> str:
         return self.reason
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """What a message adds where one of the `known` names is close, " (did you mean ...?)"; else nothing."""
+    close = get_close_matches(name, list(known), n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -48,7 +48,7 @@ class PairMatcher:
         progress: Progress = lambda stage, share: None,
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.config = configuration.preset(config) if isinstance(config, str) else config
+        self.config = configuration.as_config(config)
         self.device = resolve_device(self.config.device)
         self.config.check_together()
         if points is None:

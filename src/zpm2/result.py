@@ -171,11 +171,7 @@ class MatchResult:
         Its photographs are looked for where they were, seen from that folder, then at their absolute place: the result
         may be moved, with them or alone. `InputError` for anything else.
         """
-        file, document = saving.read_document(path, SCHEMA)
-        try:
-            return _CONVERTER.from_plain(MatchResult, document)
-        except WRONG as error:
-            raise saving.incomplete(file, error) from error
+        return read_result(path)[0]
 
     def _pairs(self) -> list[tuple[Polygon, Polygon]]:
         return matched_pairs(self.left, self.right, self.matches)
@@ -187,6 +183,15 @@ class MatchResult:
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
         return RasterConfig.of_result(self.config)
+
+
+def read_result(path: str | Path) -> tuple[MatchResult, dict[str, Any]]:
+    """`MatchResult.load`, and the document that the result was read from."""
+    file, document = saving.read_document(path, SCHEMA)
+    try:
+        return _CONVERTER.from_plain(MatchResult, document), document
+    except WRONG as error:
+        raise saving.incomplete(file, error) from error
 
 
 def _fold(result: MatchResult, members: Members) -> Members:

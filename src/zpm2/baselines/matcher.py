@@ -70,7 +70,7 @@ class BaselineMatcher:
         if isinstance(method, str) and method not in METHODS:
             raise ConfigError(f"unknown baseline '{method}'; baselines are: {', '.join(METHODS)}")
         self.method = METHODS[method] if isinstance(method, str) else method
-        self.config = configuration.preset(config) if isinstance(config, str) else config
+        self.config = configuration.as_config(config)
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
 

@@ -147,17 +147,6 @@ def positive(what: str) -> Callable[[typer.CallbackParam, float | None], float |
     return check
 
 
-def within(low: int, high: int, unit: str = "") -> Callable[[typer.CallbackParam, int], int]:
-    """Refuses a number outside of a range."""
-
-    def check(param: typer.CallbackParam, value: int) -> int:
-        if not low <= value <= high:
-            raise ConfigError(f"{param.opts[0]} {value}: give at least {low}{unit}, and at most {high:,}")
-        return value
-
-    return check
-
-
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", rich_help_panel=RESULT)]
 NonOverlapping = Annotated[
     bool,

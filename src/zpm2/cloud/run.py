@@ -83,7 +83,7 @@ def from_workspace(
     slowly rays are cast, if they are. `InputError` for a workspace that lacks something, `MissingDependency` without
     trimesh, and the errors of `Matcher`.
     """
-    pairs = _Pairs(_whole(config), non_overlapping, _path(kept), progress, say)
+    pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     place, odd = Path(folder), list[str]()
     views = read_views(place, _path(images), _path(cameras), odd)
     progress("mesh", 0.0)
@@ -121,7 +121,7 @@ def from_stereo(
     for semi-global matching. matches: a folder of `MatchResult.save`, None to match the pair. Other arguments and
     errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched points.
     """
-    pairs = _Pairs(_whole(config), non_overlapping, _path(kept), progress, say)
+    pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     photographs = [Path(left), Path(right)]
     names, raster = ("left", "right"), pairs.config.raster
     images = [read_image(path, f"{name} image", raster) for path, name in zip(photographs, names, strict=True)]
@@ -258,10 +258,6 @@ def _caster(surface: SurfaceMesh, say: Callable[[str], None]) -> RayCaster:
     if caster.note:
         say(caster.note)
     return caster
-
-
-def _whole(config: Config | str) -> Config:
-    return configuration.preset(config) if isinstance(config, str) else config
 
 
 def _path(place: Place | None) -> Path | None:

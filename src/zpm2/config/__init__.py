@@ -27,7 +27,7 @@ from zpm2.config.photos import (
 )
 from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
-from zpm2.config.presets import PRESETS, preset
+from zpm2.config.presets import PRESETS, as_config, preset
 from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.segment import PromptConfig, SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
@@ -64,6 +64,7 @@ __all__ = [
     "TilesConfig",
     "UnmatchedConfig",
     "VectorizeConfig",
+    "as_config",
     "assign",
     "choices",
     "describe",

@@ -5,9 +5,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from zpm2.config.parse import hint
 from zpm2.config.whole import Config, describe
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, did_you_mean
 from zpm2.files.reading import read_json, read_toml
 
 # What the command line and `zpm2.match` call the fields that are set most often.
@@ -64,7 +63,9 @@ def with_options(config: Config, options: Mapping[str, Any]) -> Config:
     """
     for name, value in options.items():
         if name not in OPTIONS:
-            raise ConfigError(f"unknown option '{name}'{hint(name, OPTIONS)}; options are: {', '.join(OPTIONS)}")
+            raise ConfigError(
+                f"unknown option '{name}'{did_you_mean(name, OPTIONS)}; options are: {', '.join(OPTIONS)}"
+            )
         if value is not None:
             config = Config.from_dict(_nested(OPTIONS[name], value), config)
     return config

@@ -4,11 +4,10 @@ import dataclasses
 import types
 import typing
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import Any, Literal
 
 from zpm2.config.fields import short
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, did_you_mean
 
 
 def overlay(base: Any, values: Any, where: str = "") -> Any:
@@ -24,7 +23,7 @@ def overlay(base: Any, values: Any, where: str = "") -> Any:
     for name, value in values.items():
         if name not in types_of:
             raise ConfigError(
-                f"unknown option '{where}{name}'{hint(name, types_of)}; known here: {', '.join(types_of)}"
+                f"unknown option '{where}{name}'{did_you_mean(name, types_of)}; known here: {', '.join(types_of)}"
             )
         current = getattr(base, name)
         if dataclasses.is_dataclass(current):
@@ -63,9 +62,3 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
     except (ValueError, KeyError, OverflowError):
         pass
     raise ConfigError(f"{name} must be of type {kind.__name__}, got '{short(value)}'")
-
-
-def hint(name: str, known: Any) -> str:
-    """What a message adds where one of the `known` names is close, " (did you mean ...?)"; else nothing."""
-    close = get_close_matches(name, list(known), n=1)
-    return f" (did you mean '{close[0]}'?)" if close else ""

@@ -3,13 +3,12 @@
 
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.local_match import GuidedConfig, LocalConfig
-from zpm2.config.parse import hint
 from zpm2.config.photos import TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
 from zpm2.config.segment import SegmentConfig
 from zpm2.config.whole import Config
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, did_you_mean
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),
@@ -28,5 +27,10 @@ PRESETS: dict[str, Config] = {
 def preset(name: str) -> Config:
     """The configuration of that name; `ConfigError` names the ones that exist."""
     if name not in PRESETS:
-        raise ConfigError(f"unknown preset '{name}'{hint(name, PRESETS)}; presets are: {', '.join(PRESETS)}")
+        raise ConfigError(f"unknown preset '{name}'{did_you_mean(name, PRESETS)}; presets are: {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+def as_config(config: Config | str) -> Config:
+    """A configuration as it is, or the preset of that name."""
+    return preset(config) if isinstance(config, str) else config

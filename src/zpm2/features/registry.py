@@ -10,12 +10,11 @@ file from elsewhere takes part once it is imported:
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 
 from zpm2.config import PointsConfig
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, did_you_mean
 from zpm2.features import methods
 from zpm2.features.combined import CombinedMatcher
 from zpm2.features.protocol import PointMatcher
@@ -70,9 +69,9 @@ def check_methods(config: PointsConfig) -> None:
     """`ConfigError` for a name that is not in `METHODS`."""
     for name in config.methods:
         if name not in METHODS:
-            close = get_close_matches(name, METHODS, n=1)
-            hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise ConfigError(f"unknown point method '{name}'{hint}; methods are: {', '.join(METHODS)}")
+            raise ConfigError(
+                f"unknown point method '{name}'{did_you_mean(name, METHODS)}; methods are: {', '.join(METHODS)}"
+            )
 
 
 def _combined(config: PointsConfig, device: str, progress: Progress | None) -> CombinedMatcher:

@@ -108,7 +108,7 @@ def find(
     """
     if baseline is not None and not 0 < baseline < float("inf"):
         raise ConfigError(f"--baseline {baseline}: give a length above 0")
-    chosen = configuration.preset(config) if isinstance(config, str) else config
+    chosen = configuration.as_config(config)
     finder = PoseFinder(chosen, device=resolve_device(chosen.device))
     photographs, raster = (Path(left), Path(right)), chosen.raster
     images = read_image(photographs[0], "left image", raster), read_image(photographs[1], "right image", raster)

@@ -5,10 +5,9 @@ copy is the right one, wherever it comes from.
 """
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Literal
 
-from zpm2.errors import WeightsError
+from zpm2.errors import WeightsError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -242,6 +241,4 @@ def entry(name: str) -> Entry:
     known = {item.name: item for item in MANIFEST}
     if name in known:
         return known[name]
-    close = get_close_matches(name, list(known), n=1)
-    hint = f" (did you mean '{close[0]}'?)" if close else ""
-    raise WeightsError(f"unknown weights '{name}'{hint}; there are: {', '.join(known)}")
+    raise WeightsError(f"unknown weights '{name}'{did_you_mean(name, known)}; there are: {', '.join(known)}")

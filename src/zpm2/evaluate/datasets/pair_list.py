@@ -4,11 +4,10 @@ import csv
 import io
 import math
 from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from zpm2.errors import ConfigError, InputError
+from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.datasets.layout import found, path_name
 from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, HomographyTruth, PoseTruth, Truth
@@ -28,9 +27,7 @@ def from_json(root: Path, split: str | None) -> Iterator[EvalPair]:
     if split is not None:
         sets = list(dict.fromkeys(str(entry["set"]) for entry in entries if "set" in entry))
         if split not in sets:
-            close = get_close_matches(split, sets, n=1)
-            hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise ConfigError(f"{path} has no set '{split}'{hint}; sets are: {', '.join(sets)}")
+            raise ConfigError(f"{path} has no set '{split}'{did_you_mean(split, sets)}; sets are: {', '.join(sets)}")
         entries = [entry for entry in entries if entry.get("set") == split]
     return found((_entry(root, entry, f"pair {k} of {path}") for k, entry in enumerate(entries)), f"pairs in {path}")
 

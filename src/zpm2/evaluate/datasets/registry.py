@@ -11,12 +11,11 @@ import inspect
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from zpm2.errors import ConfigError, InputError
+from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.pairs import Dataset, EvalPair
 
 Loader = Callable[..., Iterator[EvalPair]]  # (root, split, *, options)
@@ -89,6 +88,4 @@ class _Folder:
 def _known(what: str, name: str, names: Sequence[str]) -> None:
     if name in names:
         return
-    close = get_close_matches(name, names, n=1)
-    hint = f" (did you mean '{close[0]}'?)" if close else ""
-    raise ConfigError(f"unknown {what} '{name}'{hint}; there are: {', '.join(names) or 'none'}")
+    raise ConfigError(f"unknown {what} '{name}'{did_you_mean(name, names)}; there are: {', '.join(names) or 'none'}")
