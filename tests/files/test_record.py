@@ -316,3 +316,17 @@ def test_an_interrupt_of_the_cleaning_up_leaves_nothing_either(tmp_path, monkeyp
         write(out)
     assert contents(out) == {"a.json": b"one"}
     assert not list((out / HIDDEN / "parts").iterdir())
+
+
+def test_an_interrupt_just_after_the_temporary_folder_is_made(tmp_path, monkeypatch):
+    make = Path.mkdir
+
+    def interrupted(path, mode=0o777, parents=False, exist_ok=False):
+        make(path, mode, parents, exist_ok)
+        if path.suffix == ".part":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "mkdir", interrupted)
+    with pytest.raises(KeyboardInterrupt), temporary_folder(tmp_path):
+        pytest.fail("the folder is not there")
+    assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 import sys
-import tempfile
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -146,8 +146,10 @@ def temporary_folder(folder: Path) -> Iterator[Path]:
     if home is not None:
         parent = _parts(home)
         parent.mkdir(exist_ok=True)
-    path = Path(tempfile.mkdtemp(prefix=f"{'' if home else '.'}{os.getpid()}-", suffix=".part", dir=parent))
+    # The name is known before the folder is there: an interrupt in between leaves nothing.
+    path = parent / f"{'' if home else '.'}{os.getpid()}-{uuid.uuid4().hex}.part"
     try:
+        path.mkdir(mode=0o700)
         yield path
     finally:
         _remove(path)
