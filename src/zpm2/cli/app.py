@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from zpm2.cli import cloud, config, demo, doctor, match, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable
-from zpm2.cli.options import Command
+from zpm2.cli.options import Command, Context
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.runtime import package_version
 
@@ -39,11 +39,11 @@ class Commands(TyperGroup):
 
     order: tuple[str, ...] = ()
 
-    def list_commands(self, ctx: Any) -> list[str]:
+    def list_commands(self, ctx: Context) -> list[str]:
         """Commands with and without sub-commands, which typer keeps apart."""
         return sorted(self.commands, key=self.order.index)
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Context) -> object:
         """As typer does, except that typer would swallow an interrupt with the notes on it."""
         try:
             return super().invoke(ctx)

@@ -1,8 +1,9 @@
 """`zpm2 cloud`: matched polygons lifted onto a surface."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -179,7 +180,7 @@ def cloud(
         raise typer.Exit(1)
 
 
-def _refuse(stereo: bool, only_stereo: dict[str, Any], only_workspace: dict[str, Any]) -> None:
+def _refuse(stereo: bool, only_stereo: Mapping[str, object], only_workspace: Mapping[str, object]) -> None:
     for name, value in (only_workspace if stereo else only_stereo).items():
         if value is not None:
             raise ConfigError(f"{name} is for {'a workspace, not for --stereo' if stereo else '--stereo'}")

@@ -1,8 +1,8 @@
 """`zpm2 config`: what can be set, and what a run would use."""
 
 import json
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Iterator, Mapping
+from typing import Annotated
 
 import typer
 
@@ -45,7 +45,7 @@ def show(
     print("\n".join(_toml(values)))
 
 
-def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
+def _toml(table: Mapping[str, object], name: str = "") -> Iterator[str]:
     """The lines of a table of TOML: its values, then the tables in it."""
     yield from (f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict))
     for key, value in table.items():
@@ -54,7 +54,7 @@ def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
             yield from _toml(value, f"{name}{key}.")
 
 
-def _word(value: Any) -> str:
+def _word(value: object) -> str:
     """A value as --set takes it."""
     if isinstance(value, tuple):
         return ",".join(map(str, value)) or "-"

@@ -4,14 +4,17 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import typer
+from typer.core import TyperArgument
 
 from zpm2.cli.console import fresh_folder, warn
 from zpm2.cli.options import (
     AllowVrt,
     Command,
+    Context,
+    HelpFormatter,
     MaxMemory,
     Method,
     Out,
@@ -29,11 +32,11 @@ from zpm2.errors import ConfigError
 class EvalCommand(Command):
     """`zpm2 eval`, whose help names the registered data sets."""
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
+    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
         """As `Command`; the data sets are looked up now, as their modules take time to load."""
         for item in self.get_params(ctx):
-            if item.name == "dataset":
-                cast(Any, item).help = f"One of {', '.join(datasets())}; see docs/datasets.md."
+            if isinstance(item, TyperArgument) and item.name == "dataset":
+                item.help = f"One of {', '.join(datasets())}; see docs/datasets.md."
         super().format_options(ctx, formatter)
 
 
@@ -81,16 +84,15 @@ def evaluate(
         )
     warn(f"{values['pair']}: {values['status']}" for values in rows if values["status"] != "ok")
     if not quiet:
-        total = {name: value for name, value in report.summary(rows).items() if value is not None}
-        print(json.dumps(total, indent=1))
+        print(json.dumps(report.known(report.summary(rows)), indent=1))
         if published := evaluation.published(rows):
             print(published)
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
 
-def _options(texts: list[str]) -> dict[str, Any]:
+def _options(texts: list[str]) -> dict[str, bool | int | str]:
     """Options of a data set as Python values: "true", "false" and whole numbers become what they mean."""
-    found: dict[str, Any] = {}
+    found: dict[str, bool | int | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
         if not (name and value):

@@ -2,8 +2,9 @@
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
@@ -170,11 +171,29 @@ def match(
     report(result, out, quiet, as_json)
 
 
-def report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:
+class Summary(TypedDict):
+    """What `--json` prints of a result."""
+
+    matches: int
+    by_stage: dict[str, int]
+    mean_confidence: float
+    left_polygons: int
+    right_polygons: int
+    points: int
+    unmatched: dict[str, dict[str, int]]  # side -> reason -> polygons
+    seconds: dict[str, float]  # by stage
+    warnings: list[str]
+    notes: list[str]
+    out: str
+
+
+def report(
+    result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: Mapping[str, object] | None = None
+) -> None:
     """Prints the warnings of a result, and what it holds: as JSON, with `more` beside it, or as a table."""
     warn(result.warnings)
     stages = {stage: sum(m.stage == stage for m in result.matches) for stage in ("global", "local", "guided")}
-    summary = {
+    summary: Summary = {
         "matches": len(result.matches),
         "by_stage": {stage: count for stage, count in stages.items() if count},
         "mean_confidence": round(sum(m.confidence for m in result.matches) / max(len(result.matches), 1), 4),
@@ -189,15 +208,14 @@ def report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: d
         "warnings": list(result.warnings),
         "notes": list(result.notes),
         "out": str(out),
-        **(more or {}),
     }
     if as_json:
-        print(json.dumps(summary))
+        print(json.dumps({**summary, **(more or {})}))
     elif not quiet:
         _print_table(result, summary, out)
 
 
-def _print_table(result: "MatchResult", summary: dict[str, Any], out: Path) -> None:
+def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table

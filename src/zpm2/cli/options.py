@@ -1,9 +1,10 @@
 """What the commands share: their options, the help and completion of these, and the configuration they make."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 from typer.core import TyperCommand
@@ -23,17 +24,30 @@ LARGE = "Large and georeferenced photographs"
 RUN = "Run"
 
 
+Context = Any  # click.Context, or that of the click that newer versions of typer carry inside
+
+
+class HelpFormatter(Protocol):
+    """What the help needs of click's formatter."""
+
+    def section(self, name: str) -> AbstractContextManager[None]:
+        """A titled part of the help."""
+
+    def write_dl(self, rows: Sequence[tuple[str, str]]) -> None:
+        """Options and what they mean, in two columns."""
+
+
 class Command(TyperCommand):
     """A command that lists its options in groups, and whose memory budget ends with it."""
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Context) -> object:
         """As typer does."""
         with memory.within(memory.AUTO):
             return super().invoke(ctx)
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
+    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
         """Arguments, then each group in the order of its first option."""
-        groups: dict[str, list[Any]] = {}
+        groups: dict[str, list[tuple[str, str]]] = {}
         for item in self.get_params(ctx):
             record = item.get_help_record(ctx)
             if record is not None:
@@ -227,7 +241,7 @@ Quiet = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.", rich_help_panel=RUN)]
 
 
-def configure(preset: str, file: Path | None = None, settings: list[str] | None = None, **options: Any) -> "Config":
+def configure(preset: str, file: Path | None = None, settings: list[str] | None = None, **options: object) -> "Config":
     """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that are not None. Its
     memory budget holds for the rest of the command."""
     from zpm2 import config

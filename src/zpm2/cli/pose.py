@@ -166,7 +166,7 @@ def _report(pair: "OrientedPair", out: Path, written: list[Path], quiet: bool, a
         return
     if quiet:
         return
-    counts = document["counts"]
+    counts = found.counts()
     print(
         f"{counts['inliers']} of {counts['used']} points agree, in {counts['regions_with_inliers']} of "
         f"{counts['regions']} matched regions ({counts['local']} points from crops)"

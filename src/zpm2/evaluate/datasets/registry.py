@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.pairs import Dataset, EvalPair
@@ -47,7 +46,7 @@ def dataset(name: str, *, truth: str, splits: tuple[str, ...] | None = None) -> 
     return register
 
 
-def open_dataset(name: str, root: str | Path, split: str | None = None, **options: Any) -> Dataset:
+def open_dataset(name: str, root: str | Path, split: str | None = None, **options: object) -> Dataset:
     """The data set `name` (one of `DATASETS`) in the folder `root`. No file is read yet.
 
     docs/datasets.md shows the files that each one needs.

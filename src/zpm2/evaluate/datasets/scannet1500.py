@@ -4,11 +4,11 @@ The index is either that of LoFTR, `test.npz` with `intrinsics.npz`, or SuperGlu
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets import scannet
@@ -59,7 +59,7 @@ def _from_archive(root: Path, index: Path) -> Iterator[EvalPair]:
         yield _pair(scene, images, frames, (k, k), scannet.DEPTH, cameras.rigid(full, f"pose of {what}"))
 
 
-def _scene(row: Any, index: Path) -> tuple[str, list[str]]:
+def _scene(row: NDArray[np.generic], index: Path) -> tuple[str, list[str]]:
     try:
         scene, part, left, right = (int(value) for value in row)
     except (TypeError, ValueError) as error:
@@ -101,7 +101,7 @@ def _picture(root: Path, scene: str, frame: str, *first: Path) -> Path:
 def _pair(
     scene: str,
     images: list[Path],
-    frames: Any,
+    frames: Sequence[str],
     intrinsics: tuple[Array, Array],
     size: tuple[int, int],
     pose: Array,

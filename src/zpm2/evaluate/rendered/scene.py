@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.evaluate.rendered.still_life import still_life
-from zpm2.evaluate.rendered.surfaces import RenderedSurface
+from zpm2.evaluate.rendered.surfaces import Points, RenderedSurface, Values
+from zpm2.evaluate.rendered.textures import Texture
 
 PITCH = 0.27  # rad, both cameras look down by this angle
 EYE = np.array([-0.1, 1.55, 0.0])  # m, the left camera in room coordinates
@@ -50,7 +50,7 @@ class _Camera:
     cx: float  # px
     cy: float  # px
 
-    def rays(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    def rays(self, x: Values, y: Values) -> Points:
         """(3, n) directions, room coordinates, through the image points x, y."""
         right, down = (x - self.cx) / self.f, (y - self.cy) / self.f
         cos, sin = np.array([np.cos(PITCH), np.sin(PITCH)], x.dtype)
@@ -105,15 +105,15 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Rendered
     )
 
 
-def _grid(width: int, height: int, times: int, dtype: type) -> tuple[NDArray[Any], NDArray[Any]]:
+def _grid(width: int, height: int, times: int, dtype: type[np.floating]) -> tuple[Values, Values]:
     """x and y (n,) of `times` x `times` points in each pixel, row by row."""
     x, y = ((np.arange(n * times) + 0.5).astype(dtype) / times for n in (width, height))
     return np.tile(x, len(y)), np.repeat(y, len(x))
 
 
 def _cast(
-    surfaces: Sequence[RenderedSurface], camera: _Camera, x: NDArray[Any], y: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[np.int16]]:
+    surfaces: Sequence[RenderedSurface], camera: _Camera, x: Values, y: Values
+) -> tuple[Values, NDArray[np.int16]]:
     """(n,) depth, m, of what is seen at each image point, and which surface it is. `y` must not decrease."""
     rays = camera.rays(x, y)
     origin = camera.position.astype(x.dtype)[:, None]
@@ -148,7 +148,7 @@ def _photograph(
     return np.asarray(colors.reshape(height, 2, width, 2, 3).mean(axis=(1, 3)), np.float32)
 
 
-def _sample(texture: NDArray[Any], u: NDArray[Any], v: NDArray[Any]) -> NDArray[np.float32]:
+def _sample(texture: Texture | NDArray[np.float32], u: Values, v: Values) -> NDArray[np.float32]:
     """(n, 3) bilinear values of a texture whose outer corners are u, v = 0 and 1."""
     h, w = texture.shape[:2]
     out = np.empty((len(u), 3), np.float32)

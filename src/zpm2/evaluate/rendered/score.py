@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ def score_on_disparity(
     left_polygons: Sequence[Polygon],
     right_polygons: Sequence[Polygon],
     matches: Sequence[PolygonMatch],
-    disparity: NDArray[np.floating[Any]],
+    disparity: NDArray[np.floating],
     iou: float = 0.5,
 ) -> DisparityScore:
     """Judges each match by the IoU of its two polygons over the pixels that both images see.

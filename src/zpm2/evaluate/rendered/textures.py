@@ -4,7 +4,6 @@ Each function gives (h, w, 3) uint8 RGB; a texel is about 2 mm of the surface it
 """
 
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
@@ -26,16 +25,16 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, 
     return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), np.float32)
 
 
-def _mix(a: Color, b: Color, share: NDArray[np.floating[Any]]) -> Plane:
+def _mix(a: Color, b: Color, share: NDArray[np.floating]) -> Plane:
     first, second = np.array(a, np.float32), np.array(b, np.float32)
     return np.asarray(first + (second - first) * np.clip(share, 0, 1)[..., None], np.float32)
 
 
-def _bytes(colors: NDArray[np.floating[Any]]) -> Texture:
+def _bytes(colors: NDArray[np.floating]) -> Texture:
     return np.asarray(np.clip(np.rint(colors), 0, 255), np.uint8)
 
 
-def _grain(rng: np.random.Generator, colors: NDArray[Any], strength: float) -> Texture:
+def _grain(rng: np.random.Generator, colors: NDArray[np.floating] | Texture, strength: float) -> Texture:
     """`colors` with fine grain, the same in all channels."""
     return _bytes(colors + strength * noise(rng, colors.shape[:2], (4, 4), 2)[..., None])
 
