@@ -112,7 +112,7 @@ def _refuse_empty_words(words: list[str]) -> None:
     """An empty word (of a shell variable that is not set, for instance) would mean the current folder."""
     for before, word in zip(["the first argument", *words], words, strict=False):
         if not word or (word.startswith("--") and word.endswith("=")):
-            raise ConfigError(f"{word.rstrip('=') or f'what follows {before}'} is empty: give a value")
+            raise ConfigError(f"{word.rstrip('=') or f'the value after {before}'} is empty: give one")
 
 
 def _complain(text: str) -> int:

@@ -8,7 +8,7 @@ import typer
 
 from zpm2.cli.options import Command, ConfigFile, Preset, Settings, configure
 
-app = typer.Typer(help="See what can be set with --set and --config, and the values.", no_args_is_help=True)
+app = typer.Typer(help="Show the fields that --set and --config can change.", no_args_is_help=True)
 
 
 @app.command("list", cls=Command)
@@ -16,7 +16,7 @@ def list_(
     preset: Preset = "default",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List every field with its type, its value in the preset, its unit and meaning."""
+    """List every field: type, value, unit and meaning."""
     from zpm2 import config
 
     rows = list(config.describe(config.preset(preset)))
@@ -35,9 +35,12 @@ def show(
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, which --config reads too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead; --config reads it, too.")] = False,
 ) -> None:
-    """Print the whole configuration as TOML, to change and to give to --config."""
+    """Print the whole configuration as TOML.
+
+    Save it, change it, and give it to --config.
+    """
     values = configure(preset, config_file, settings).to_dict()
     if as_json:
         print(json.dumps(values, indent=1))

@@ -16,7 +16,7 @@ PACKAGES = (
 
 
 def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
-    """Versions, devices, cache and weights: what to send along with a question."""
+    """Print versions, devices and weights, for a bug report."""
     use_weights(weights_dir)
     findings = examine()
     if as_json:

@@ -11,6 +11,9 @@ from typer.core import TyperArgument
 
 from zpm2.cli.console import fresh_folder, warn
 from zpm2.cli.options import (
+    DATA,
+    METHOD,
+    RESULT,
     AllowVrt,
     Command,
     Context,
@@ -41,30 +44,46 @@ class EvalCommand(Command):
 
 
 def evaluate(
-    dataset: Annotated[str, typer.Argument(help="A data set by name.", autocompletion=one_of(datasets))],
-    root: Annotated[Path, typer.Option(help="The folder that holds the data set, as its publisher lays it out.")],
+    dataset: Annotated[str, typer.Argument(help="Name of the data set.", autocompletion=one_of(datasets))],
+    root: Annotated[Path, typer.Option(help="Folder of the data set, laid out as published.", rich_help_panel=DATA)],
     out: Out = Path("zpm2-eval"),
-    split: Annotated[str | None, typer.Option(help="A part of the data set.")] = None,
+    split: Annotated[str | None, typer.Option(help="One part of the data set.", rich_help_panel=DATA)] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of the data set (docs/datasets.md); repeatable.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="An option of the data set (docs/datasets.md). Repeatable.",
+            rich_help_panel=DATA,
+        ),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="The first so many pairs.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Only the first N pairs.", rich_help_panel=DATA)
+    ] = None,
     preset: Preset = "default",
     settings: Settings = None,
     method: Method = "zpm2",
     regions: Annotated[
-        Path | None, typer.Option(help="Take the polygons of the predictions in this folder instead of detecting them.")
+        Path | None,
+        typer.Option(
+            help="Folder of an earlier evaluation: use its polygons instead of detecting regions.",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
-    score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
+    score_only: Annotated[
+        bool,
+        typer.Option("--score-only", help="Match nothing; score the predictions again.", rich_help_panel=RESULT),
+    ] = False,
+    parquet: Annotated[
+        bool, typer.Option("--parquet", help="Also write rows.parquet.", rich_help_panel=RESULT)
+    ] = False,
     allowed: AllowVrt = None,
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
     """Match every pair of a data set and score the matches.
 
-    Predictions are kept, a folder for each pair: a run that was interrupted goes on where it stopped, and --score-only
-    scores them again without any model. Writes rows.csv, summary.json and summary.md.
+    Writes rows.csv, summary.json, summary.md and the prediction of each pair. If a run was interrupted, start the same
+    command again: it continues where it stopped. --score-only scores the predictions again and needs no weights.
     """
     from zpm2.evaluate import report
     from zpm2.evaluate.predictions import PREDICTIONS

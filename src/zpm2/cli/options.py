@@ -20,6 +20,7 @@ RESULT = "Results"
 METHOD = "Method"
 REGIONS = "Your own regions"
 CAMERAS = "Cameras"
+DATA = "Data set"
 LARGE = "Large and georeferenced photographs"
 RUN = "Run"
 
@@ -164,12 +165,12 @@ def positive(what: str) -> Callable[[typer.CallbackParam, float | None], float |
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", rich_help_panel=RESULT)]
 NonOverlapping = Annotated[
     bool,
-    typer.Option("--non-overlapping", help="Give each pixel to one match at most.", rich_help_panel=RESULT),
+    typer.Option("--non-overlapping", help="Assign every pixel to at most one match.", rich_help_panel=RESULT),
 ]
 Preset = Annotated[
     str,
     typer.Option(
-        help="paper: the published method and numbers. default: the best we know.",
+        help="default: finds more matches, in less time; paper: the published method and its numbers.",
         rich_help_panel=METHOD,
         autocompletion=one_of(presets),
     ),
@@ -183,14 +184,17 @@ Method = Annotated[
     ),
 ]
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.", rich_help_panel=METHOD)
+    Path | None,
+    typer.Option(
+        "--config", help="A .toml or .json file whose fields replace those of the preset.", rich_help_panel=METHOD
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="STAGE.FIELD=VALUE",
-        help="Any field of the configuration, see zpm2 config list. Repeatable.",
+        help="Set one field of the configuration (zpm2 config list shows them). Repeatable.",
         rich_help_panel=METHOD,
         autocompletion=settings_of,
     ),
@@ -198,7 +202,8 @@ Settings = Annotated[
 Bands = Annotated[
     str | None,
     typer.Option(
-        help="One band or three (red,green,blue), counted from 1.  [default: as the file says]", rich_help_panel=LARGE
+        help="Bands to read, counted from 1: one, or red,green,blue.  [default: as the file says]",
+        rich_help_panel=LARGE,
     ),
 ]
 AllowVrt = Annotated[
@@ -206,34 +211,36 @@ AllowVrt = Annotated[
     typer.Option(
         "--allow-vrt",
         metavar="FOLDER",
-        help="Let VRT files have sources below this folder, not only beside themselves. Repeatable.",
+        help="VRT files may read only files beside themselves; allow this folder, too. Repeatable.",
         rich_help_panel=LARGE,
     ),
 ]
 Device = Annotated[
     str | None,
     typer.Option(
-        help="auto, cpu or cuda.  [default: auto]",
+        help="Where to compute: auto, cpu or cuda.  [default: auto]",
         rich_help_panel=RUN,
         autocompletion=one_of(devices),
     ),
 ]
 Seed = Annotated[
     int | None,
-    typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN),
+    typer.Option(
+        help="Seed of the random numbers; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN
+    ),
 ]
 MaxMemory = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Use at most this much memory (8GB, 512MB); a pair that needs more is matched in tiles, or refused.  "
+        help="Most memory to use, for example 8GB or 512MB. A pair that needs more is matched in tiles, or refused.  "
         "[default: 80% of what is free]",
         rich_help_panel=RUN,
     ),
 ]
 WeightsDir = Annotated[
     Path | None,
-    typer.Option(help="A folder of your own copies of the weights, searched first.", rich_help_panel=RUN),
+    typer.Option(help="Folder with your own copies of the weights, searched first.", rich_help_panel=RUN),
 ]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.", rich_help_panel=RUN)
@@ -258,7 +265,7 @@ def use_weights(directory: Path | None) -> None:
     """Look for weights in a folder of the user's first."""
     if directory is not None:
         if not directory.is_dir():
-            raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
+            raise ConfigError(f"--weights-dir {directory} is not a folder: give one that holds weight files")
         os.environ["ZPM2_WEIGHTS"] = str(directory)
 
 

@@ -24,7 +24,7 @@ _FOLDERS = ("", "scannet_test_1500", "scans_test")
 _FRAME = re.compile(r"(scene\d{4}_\d\d)\D*?(\d+)(?:\.color)?\.\w+$")
 
 
-@dataset("scannet1500", truth="pose, and depth where it is there", splits=SPLITS)
+@dataset("scannet1500", truth="pose; depth, too, where a scene has it", splits=SPLITS)
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The pairs of an index in `root`, in its order.
 

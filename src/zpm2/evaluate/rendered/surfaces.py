@@ -1,4 +1,4 @@
-"""The surfaces of the scene, rectangles, spheres and frusta, and where rays meet them.
+"""The surfaces of the scene (rectangles, spheres, frusta), and where rays hit them.
 
 Points and directions are (3, n) arrays in room coordinates, metres (x right, y up, z away from the cameras); u and v
 run from 0 to 1 over a surface's texture, along its columns and down its rows.
@@ -24,7 +24,7 @@ class RenderedSurface(Protocol):
     def texture(self) -> Texture: ...
 
     def hit(self, origin: Points, ray: Points) -> Values:
-        """(n,) smallest t > 0 at which origin + t ray lies on the surface, infinity where there is none."""
+        """(n,) smallest t > 0 for which origin + t ray lies on the surface; infinity if there is none."""
 
     def locate(self, points: Points) -> tuple[Values, Values]:
         """(n,) u and v of points on the surface."""
@@ -33,13 +33,13 @@ class RenderedSurface(Protocol):
         """The points at u and v, and the unit normals there."""
 
     def corners(self) -> Points:
-        """(3, 8) corners of a box that holds the surface."""
+        """(3, 8) corners of a box that contains the surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rectangle:
-    """A rectangle spanned by two perpendicular edges, or the ellipse in it; only the side to which `normal` points is
-    seen and takes away light."""
+    """A rectangle spanned by two perpendicular edges, or the ellipse in it. It is visible and blocks light only from
+    the side to which `normal` points."""
 
     corner: NDArray[np.float64]  # (3,) m, u = v = 0
     right: NDArray[np.float64]  # (3,) m, along u
@@ -166,7 +166,7 @@ class Frustum:
 def box(
     foot: tuple[float, float, float], size: tuple[float, float, float], yaw: float, sides: Texture, top: Texture
 ) -> list[Rectangle]:
-    """The five visible faces of a box that stands on the centre `foot`, turned by `yaw` radians about the vertical.
+    """The five visible faces of a box whose base has the centre `foot`, turned by `yaw` radians about the vertical.
 
     size: width, height, depth, m.
     """
