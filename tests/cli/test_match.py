@@ -492,7 +492,7 @@ LONG = "x" * 300
         ("cloud LONG", "is no folder"),
         ("reconstruct LONG", "not there: check the path"),
         ("reconstruct . -o LONG", "the name is too long"),
-        ("eval pairs --root LONG", "is no folder"),
+        ("eval pairs --root LONG", "is not a folder"),
     ],
 )
 def test_options_are_refused_before_any_work(

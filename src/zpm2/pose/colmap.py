@@ -29,7 +29,7 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
     """
     pycolmap = require_pycolmap()
     if isinstance(result.pose, Failed) or isinstance(result.cameras, Failed) or result.translation is None:
-        raise InputError("without a pose with a translation there is no model for COLMAP")
+        raise InputError("a model for COLMAP needs a pose with a translation, and this result has none")
     if names[0] == names[1]:
         raise InputError(f"both images are called {names[0]}: COLMAP needs names that differ")
     folder = claim(directory, ["database.db", "sparse"])

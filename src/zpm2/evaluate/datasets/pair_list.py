@@ -42,7 +42,7 @@ def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
     try:
         columns, rows = table.fieldnames or (), [(table.line_num, row) for row in table]
     except csv.Error as error:  # a cell without end, most of all
-        raise InputError(f"{path} is no table of pairs, line {table.line_num}: {error}") from error
+        raise InputError(f"{path} is not a table of pairs, line {table.line_num}: {error}") from error
     if not {"left", "right"} <= set(columns) or not set(columns) <= set(known):
         raise InputError(f"{path} has the columns {','.join(columns)}: write left,right[,disparity,scale,sign,name]")
     return found((_row(root, row, f"{path} line {number}") for number, row in rows), f"rows in {path}")

@@ -52,7 +52,7 @@ def open_dataset(name: str, root: str | Path, split: str | None = None, **option
     docs/datasets.md shows the files that each one needs.
 
     split: a part of it, None for the usual one or for all; options: those of its loader, as `render` of sceneflow.
-    `ConfigError` for a name, split or option that does not exist, `InputError` where `root` is no folder.
+    `ConfigError` for a name, split or option that does not exist, `InputError` if `root` is not a folder.
     """
     _known("data set", name, tuple(DATASETS))
     chosen = DATASETS[name]
@@ -62,7 +62,7 @@ def open_dataset(name: str, root: str | Path, split: str | None = None, **option
     for option in options:
         _known(f"option of {name}", option, [p.name for p in parameters if p.kind is p.KEYWORD_ONLY])
     if not os.path.isdir(root):
-        raise InputError(f"root of data set {name}: {root} is no folder: give the one that holds its files")
+        raise InputError(f"root of data set {name}: {root} is not a folder; give the one that holds its files")
     return _Folder(name, partial(chosen.load, Path(root), split, **options))
 
 
@@ -87,4 +87,4 @@ class _Folder:
 def _known(what: str, name: str, names: Sequence[str]) -> None:
     if name in names:
         return
-    raise ConfigError(f"unknown {what} '{name}'{did_you_mean(name, names)}; there are: {', '.join(names) or 'none'}")
+    raise ConfigError(f"unknown {what} '{name}'{did_you_mean(name, names)}; known are: {', '.join(names) or 'none'}")

@@ -63,7 +63,7 @@ def _scene(row: NDArray[np.generic], index: Path) -> tuple[str, list[str]]:
     try:
         scene, part, left, right = (int(value) for value in row)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{index} has a row of 'name' that is no four whole numbers: download it again") from error
+        raise InputError(f"{index} has a row of 'name' that is not four whole numbers: download it again") from error
     return f"scene{scene:04d}_{part:02d}", [str(left), str(right)]
 
 
