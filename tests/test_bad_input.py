@@ -83,12 +83,12 @@ OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "no value": (["--set", "segment.grid"], ["--set segment.grid", "expected stage.field=value"]),
     "segmenter": (["--segmenter", "vit_x"], ["mobile_sam, vit_b, vit_l, vit_h", "'vit_x'"]),
     "points": (["--points", "shift"], ["unknown point method 'shift'", "did you mean 'sift'", "xfeat"]),
-    "no points": (["--points", ""], ["what follows --points is empty"]),
+    "no points": (["--points", ""], ["the value after --points is empty"]),
     "seed": (["--seed", "one"], ["--seed"]),
     "negative seed": (["--seed", "-1"], ["seed must be a finite number >= 0"]),
     "device": (["--device", "tpu"], ["unknown device 'tpu'", "auto, cpu, cuda"]),
     "config missing": (["--config", "nowhere.toml"], ["cannot read configuration nowhere.toml"]),
-    "weights folder": (["--weights-dir", "nowhere"], ["--weights-dir nowhere is no folder: give one"]),
+    "weights folder": (["--weights-dir", "nowhere"], ["--weights-dir nowhere is not a folder: give one"]),
     "weights": (["--segmenter", "mobile_sam"], ["mobile_sam", "6dbb9052", "by hand", "--weights-dir"]),
 }
 

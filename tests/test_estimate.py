@@ -115,7 +115,7 @@ def test_every_command_refuses_what_is_no_size(command: str, run: Run, pair: Pai
         "reconstruct": [tmp_path],
     }
     code, _, err = run(command, *words[command], "-o", tmp_path / "out", "--max-memory", "8")
-    assert (code, "max_memory '8' is no size" in err) == (2, True)
+    assert (code, "max_memory '8' is not a size" in err) == (2, True)
     assert not (tmp_path / "out").exists()
 
 

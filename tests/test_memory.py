@@ -21,7 +21,7 @@ def test_sizes(text: str, expected: float) -> None:
 
 @pytest.mark.parametrize("text", ["8", "GB", "-1GB", "0GB", "1e3GB", "8 G B", "nan", "", "8GB\n", "9" * 5000 + "GB"])
 def test_what_is_no_size_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match="no size: give a number with a unit"):
+    with pytest.raises(ConfigError, match="is not a size: give a number with a unit"):
         memory.size(text)
 
 

@@ -35,7 +35,7 @@ def size(text: str) -> float:
     found = _SIZE.fullmatch(text)
     bytes_ = float(found[1]) * UNITS[found[2].upper()] if found else 0.0
     if not bytes_:
-        raise ConfigError(f"max_memory '{text}' is no size: give a number with a unit (8GB, 512MB), auto or none")
+        raise ConfigError(f"max_memory '{text}' is not a size: give a number with a unit (8GB, 512MB), auto or none")
     return bytes_
 
 

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
-from typing import Any
 
 from zpm2.errors import ConfigError, ForkError
 
@@ -56,7 +55,7 @@ class ForkAwareLock:
             self._lock, self._process = threading.RLock(), os.getpid()
         self._lock.acquire()
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, *_: object) -> None:
         self._lock.release()
 
 

@@ -67,3 +67,10 @@ def test_the_help_names_all_there_is(option: str) -> None:
 )
 def test_numbers_out_of_range(run: Run, words: tuple[str, ...], why: str) -> None:
     assert run(*words) == (2, "", f"zpm2: {why}\n")
+
+
+@pytest.mark.parametrize("group", [(), ("config",), ("weights",)])
+def test_descriptions_of_commands_are_not_cut_off(run: Run, group: tuple[str, ...]) -> None:
+    listed = run(*group, "--help").out.partition("Commands:")[2]
+    assert listed
+    assert "..." not in listed

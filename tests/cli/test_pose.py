@@ -166,7 +166,7 @@ def test_a_guess_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) ->
         (["--K", "300,200,300,120"], "that is 300,300,200,120"),
         (["--K2", "300,300,200,120"], "--K2 without --K"),
         (["--K", "exif"], "no focal length"),
-        (["--K", "300,300,200,120", "--centers", "1"], "counted from 0.5 or from 0"),
+        (["--K", "300,300,200,120", "--centers", "1"], "give 0.5 or 0"),
         (["--K", "300,300,200,120", "--baseline", "-1"], "above 0"),
         (["--K", "300,300,200,120", "--estimator", "magic"], "pose.estimator must be one of"),
         (["--K", "300,300,200,120", "--matches", "nowhere"], "cannot read"),

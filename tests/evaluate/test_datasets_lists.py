@@ -225,15 +225,15 @@ def test_unknown_names_are_answered_with_the_nearest(tmp_path):
         open_dataset("eth3d", tmp_path, "train")
     with pytest.raises(ConfigError, match=r"unknown option of sceneflow 'rendering' \(did you mean 'render'\?\)"):
         open_dataset("sceneflow", tmp_path, rendering="cleanpass")
-    with pytest.raises(ConfigError, match=r"unknown option of csv 'gap'; there are: none"):
+    with pytest.raises(ConfigError, match=r"unknown option of csv 'gap'; known are: none"):
         open_dataset("csv", tmp_path, gap=3)
 
 
 @pytest.mark.parametrize("name", DATASETS)
 def test_a_root_that_is_no_folder(tmp_path, name):
-    with pytest.raises(InputError, match=f"{name}: .*missing is no folder"):
+    with pytest.raises(InputError, match=f"{name}: .*missing is not a folder"):
         open_dataset(name, tmp_path / "missing")
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         open_dataset(name, file(tmp_path / "file"))
 
 
@@ -306,7 +306,7 @@ def test_one_file_from_elsewhere_adds_a_data_set(tmp_path, monkeypatch, run):
         files(tmp_path, "second-left.png", "second-right.png")
         (pair,) = listed("toy", tmp_path, "second", backwards=True)
         assert (pair.left.name, pair.right.name) == ("second-right.png", "second-left.png")
-        with pytest.raises(ConfigError, match=r"unknown split of toy 'third'; there are: first, second"):
+        with pytest.raises(ConfigError, match=r"unknown split of toy 'third'; known are: first, second"):
             open_dataset("toy", tmp_path, "third")
         assert "toy" in run("eval", "--help")[1]
         code, _, err = run("eval", "toys", "--root", tmp_path)

@@ -288,7 +288,7 @@ def test_dtu_of_mvsnet_half_there(tmp_path, missing):
     ("name", "content", "message"),
     [
         ("pair.txt", "3\n0\n10 1 2346.41", "cut short"),
-        ("pair.txt", "<html>", "no pair file"),
+        ("pair.txt", "<html>", "not a pair file"),
         ("cams/00000000_cam.txt", "extrinsic 1 0 0", "no camera file"),
         ("cams/00000001_cam.txt", "<html>", "no camera file"),
     ],

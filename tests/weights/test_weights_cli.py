@@ -35,7 +35,7 @@ def test_list_get_path_verify(hub: Server, manifest: Entry):
     assert "cache" in listing
     assert str(cache_dir()) in listing
     assert run("path", "tiny").stdout == f"{cache_dir() / 'tiny.pt'}\n"
-    assert run("verify").stdout == run("verify", "tiny").stdout == f"tiny: {cache_dir() / 'tiny.pt'} is right\n"
+    assert run("verify").stdout == run("verify", "tiny").stdout == f"tiny: {cache_dir() / 'tiny.pt'} is intact\n"
     assert len(hub.asked) == 1
 
 
@@ -64,7 +64,7 @@ def test_verify_all_finds_the_wrong_one(restricted: Entry):
     (cache_dir() / "tiny.pt").write_bytes(CONTENT)
     (cache_dir() / "closed.pt").write_bytes(CONTENT[:-1])
     result = run("verify")
-    assert "tiny.pt is right" in result.stdout
+    assert "tiny.pt is intact" in result.stdout
     assert "closed.pt has" in result.stderr
     assert str(result.exception) == "1 of 2 weights failed, see above: closed"
 

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from zpm2.cli import cloud, config, demo, doctor, match, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable
-from zpm2.cli.options import Command
+from zpm2.cli.options import Command, Context
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.runtime import package_version
 
@@ -39,11 +39,11 @@ class Commands(TyperGroup):
 
     order: tuple[str, ...] = ()
 
-    def list_commands(self, ctx: Any) -> list[str]:
+    def list_commands(self, ctx: Context) -> list[str]:
         """Commands with and without sub-commands, which typer keeps apart."""
         return sorted(self.commands, key=self.order.index)
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Context) -> object:
         """As typer does, except that typer would swallow an interrupt with the notes on it."""
         try:
             return super().invoke(ctx)
@@ -112,7 +112,7 @@ def _refuse_empty_words(words: list[str]) -> None:
     """An empty word (of a shell variable that is not set, for instance) would mean the current folder."""
     for before, word in zip(["the first argument", *words], words, strict=False):
         if not word or (word.startswith("--") and word.endswith("=")):
-            raise ConfigError(f"{word.rstrip('=') or f'what follows {before}'} is empty: give a value")
+            raise ConfigError(f"{word.rstrip('=') or f'the value after {before}'} is empty: give one")
 
 
 def _complain(text: str) -> int:

@@ -1,8 +1,9 @@
 """`zpm2 cloud`: matched polygons lifted onto a surface."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -43,23 +44,22 @@ def cloud(
     ],
     out: Out = Path("zpm2-cloud"),
     mesh: Annotated[
-        Path | None, typer.Option(help="The mesh, where the workspace has none or several.", rich_help_panel=WORKSPACE)
+        Path | None, typer.Option(help="The mesh, if the workspace has none or several.", rich_help_panel=WORKSPACE)
     ] = None,
     images: Annotated[
         Path | None,
-        typer.Option(help="Folder of the photographs, if not in the usual place.", rich_help_panel=WORKSPACE),
+        typer.Option(help="Folder of the photographs, if they are not in the usual place.", rich_help_panel=WORKSPACE),
     ] = None,
     cameras: Annotated[
         Path | None,
         typer.Option(
-            help="COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.", rich_help_panel=WORKSPACE
+            help="Cameras: COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.",
+            rich_help_panel=WORKSPACE,
         ),
     ] = None,
     stereo: Annotated[
         bool,
-        typer.Option(
-            "--stereo", help="Take the surface from a rectified, calibrated pair alone.", rich_help_panel=STEREO
-        ),
+        typer.Option("--stereo", help="Compute the surface from a rectified, calibrated pair.", rich_help_panel=STEREO),
     ] = False,
     calib: Annotated[
         Path | None,
@@ -72,12 +72,13 @@ def cloud(
         ),
     ] = None,
     k2: Annotated[
-        str | None, typer.Option("--K2", help="The right camera.  [default: as the left one]", rich_help_panel=STEREO)
+        str | None,
+        typer.Option("--K2", help="The right camera.  [default: same as the left one]", rich_help_panel=STEREO),
     ] = None,
     baseline: Annotated[
         float | None,
         typer.Option(
-            help="With --K: distance of the cameras, in the unit of the cloud.",
+            help="With --K: distance between the cameras; the cloud gets its unit.",
             rich_help_panel=STEREO,
             callback=positive("length"),
         ),
@@ -89,24 +90,24 @@ def cloud(
     disparity_scale: Annotated[
         float,
         typer.Option(
-            help="What the values of --disparity are divided by.", rich_help_panel=STEREO, callback=positive("number")
+            help="Divide the values of --disparity by this.", rich_help_panel=STEREO, callback=positive("number")
         ),
     ] = 1.0,
-    disparity_sign: Annotated[int, typer.Option(help="-1 where --disparity stores -d.", rich_help_panel=STEREO)] = 1,
+    disparity_sign: Annotated[int, typer.Option(help="1, or -1 if --disparity stores -d.", rich_help_panel=STEREO)] = 1,
     matches: Annotated[
         Path | None,
-        typer.Option(help="With --stereo: take the matches of this folder of zpm2 match.", rich_help_panel=STEREO),
+        typer.Option(help="With --stereo: use the matches in this folder of zpm2 match.", rich_help_panel=STEREO),
     ] = None,
     non_overlapping: NonOverlapping = False,
     spacing: Annotated[
         float | None,
         typer.Option(
-            help="Of the sampled points, in the mesh's unit.  [default: 200,000 points]",
+            help="Distance between sampled points, in the mesh's unit.  [default: 200,000 points in all]",
             rich_help_panel=RESULT,
             callback=positive("distance"),
         ),
     ] = None,
-    las: Annotated[bool, typer.Option("--las", help="Write points.las too.", rich_help_panel=RESULT)] = False,
+    las: Annotated[bool, typer.Option("--las", help="Also write points.las.", rich_help_panel=RESULT)] = False,
     bands: Bands = None,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -119,10 +120,10 @@ def cloud(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Lift the matched polygons of photographs onto a surface: a polygon cloud.
+    """Lift matched polygons onto a 3D surface: a polygon cloud.
 
-    Writes cloud.json, cloud.html to look at, cloud.png, patches.ply, cloud.glb, boundaries and points. The matches of
-    each pair stay in pairs/, and are taken from there by the next run.
+    Writes cloud.json, cloud.html (open it in a browser), cloud.png, patches.ply, cloud.glb, boundaries and points. It
+    keeps the matches of each pair in pairs/, and the next run uses them again.
     """
     config = configure(preset, config_file, settings, bands=bands, device=device, seed=seed, max_memory=max_memory)
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
@@ -179,10 +180,10 @@ def cloud(
         raise typer.Exit(1)
 
 
-def _refuse(stereo: bool, only_stereo: dict[str, Any], only_workspace: dict[str, Any]) -> None:
+def _refuse(stereo: bool, only_stereo: Mapping[str, object], only_workspace: Mapping[str, object]) -> None:
     for name, value in (only_workspace if stereo else only_stereo).items():
         if value is not None:
-            raise ConfigError(f"{name} is for {'a workspace, not for --stereo' if stereo else '--stereo'}")
+            raise ConfigError(f"{name} is for a workspace: leave out --stereo" if stereo else f"{name} needs --stereo")
 
 
 def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, as_json: bool) -> None:
@@ -195,8 +196,8 @@ def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, a
     if quiet:
         return
     print(
-        f"{len(found.patches)} polygons on the surface, of {found.accepted} of {found.matches} matches in "
-        f"{len(found.views)} views; they cover {100 * found.coverage:.0f} % of what the views see of it"
+        f"{len(found.patches)} polygons on the surface, from {found.accepted} of {found.matches} matches in "
+        f"{len(found.views)} views; they cover {100 * found.coverage:.0f} % of the surface that the views see"
     )
     for reason, count in found.reasons().items():
         print(f"{count:6d} rejected: {reason}")

@@ -1,14 +1,14 @@
 """`zpm2 config`: what can be set, and what a run would use."""
 
 import json
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Iterator, Mapping
+from typing import Annotated
 
 import typer
 
 from zpm2.cli.options import Command, ConfigFile, Preset, Settings, configure
 
-app = typer.Typer(help="See what can be set with --set and --config, and the values.", no_args_is_help=True)
+app = typer.Typer(help="Show the fields that --set and --config can change.", no_args_is_help=True)
 
 
 @app.command("list", cls=Command)
@@ -16,7 +16,7 @@ def list_(
     preset: Preset = "default",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List every field with its type, its value in the preset, its unit and meaning."""
+    """List every field: type, value, unit and meaning."""
     from zpm2 import config
 
     rows = list(config.describe(config.preset(preset)))
@@ -35,9 +35,12 @@ def show(
     preset: Preset = "default",
     config_file: ConfigFile = None,
     settings: Settings = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, which --config reads too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead; --config reads it, too.")] = False,
 ) -> None:
-    """Print the whole configuration as TOML, to change and to give to --config."""
+    """Print the whole configuration as TOML.
+
+    Save it, change it, and give it to --config.
+    """
     values = configure(preset, config_file, settings).to_dict()
     if as_json:
         print(json.dumps(values, indent=1))
@@ -45,7 +48,7 @@ def show(
     print("\n".join(_toml(values)))
 
 
-def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
+def _toml(table: Mapping[str, object], name: str = "") -> Iterator[str]:
     """The lines of a table of TOML: its values, then the tables in it."""
     yield from (f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict))
     for key, value in table.items():
@@ -54,7 +57,7 @@ def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
             yield from _toml(value, f"{name}{key}.")
 
 
-def _word(value: Any) -> str:
+def _word(value: object) -> str:
     """A value as --set takes it."""
     if isinstance(value, tuple):
         return ",".join(map(str, value)) or "-"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from types import FrameType
 
 EVERY = 30.0  # seconds between lines of progress where the error stream is no terminal
 
@@ -20,7 +20,7 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
         yield lambda stage, share: None, lambda text: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -29,7 +29,7 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
         return
     columns = TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as shown:
-        tasks: dict[str, Any] = {}
+        tasks: dict[str, TaskID] = {}
 
         def progress(stage: str, share: float) -> None:
             if stage not in tasks:
@@ -93,7 +93,7 @@ class Interrupted(Exception):
 def terminable() -> Iterator[None]:
     """SIGTERM ends the run as Ctrl-C does, so that it cleans up and says what stays."""
 
-    def stop(number: int, frame: Any) -> None:
+    def stop(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():

@@ -30,10 +30,11 @@ def demo(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Render a stereo pair, match it with the real models, and score the matches against the exact truth.
+    """Render a stereo pair, match it and score the matches.
 
-    Writes the files of zpm2 match beside left.png and right.png, and the true regions of both as label images,
-    left_labels.png and right_labels.png, to try --left-regions and --right-regions with.
+    The rendered pair has an exact depth to score against; the matching is that of zpm2 match. Writes left.png and
+    right.png, the files of zpm2 match, and the true regions of both images, left_labels.png and right_labels.png: with
+    them you can try --left-regions and --right-regions.
     """
     from zpm2 import api
     from zpm2.evaluate import rendered

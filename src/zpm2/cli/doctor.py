@@ -4,7 +4,6 @@ import json
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 from zpm2 import weights
 from zpm2.cli.options import AsJson, WeightsDir, use_weights
@@ -17,7 +16,7 @@ PACKAGES = (
 
 
 def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
-    """Versions, devices, cache and weights: what to send along with a question."""
+    """Print versions, devices and weights, for a bug report."""
     use_weights(weights_dir)
     findings = examine()
     if as_json:
@@ -29,13 +28,13 @@ def doctor(as_json: AsJson = False, weights_dir: WeightsDir = None) -> None:
             print(f"  {name:<24} {value}")
 
 
-def examine() -> dict[str, dict[str, Any]]:
+def examine() -> dict[str, dict[str, str]]:
     """Versions, devices, cache and weights."""
     return {"versions": _versions(), "devices": _devices(), "weights": _weights()}
 
 
-def _versions() -> dict[str, Any]:
-    found: dict[str, Any] = {
+def _versions() -> dict[str, str]:
+    found: dict[str, str] = {
         "zpm2": package_version(),
         "python": platform.python_version(),
         "system": platform.platform(),
@@ -48,7 +47,7 @@ def _versions() -> dict[str, Any]:
     return found
 
 
-def _devices() -> dict[str, Any]:
+def _devices() -> dict[str, str]:
     import torch
 
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
@@ -60,8 +59,8 @@ def _devices() -> dict[str, Any]:
     }
 
 
-def _weights() -> dict[str, Any]:
-    found: dict[str, Any] = {"cache": str(weights.cache_dir())}
+def _weights() -> dict[str, str]:
+    found: dict[str, str] = {"cache": str(weights.cache_dir())}
     for row in weights.status():
         found[row.entry.name] = str(row.path) if row.path else "not here"
     return found

@@ -4,14 +4,20 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import typer
+from typer.core import TyperArgument
 
 from zpm2.cli.console import fresh_folder, warn
 from zpm2.cli.options import (
+    DATA,
+    METHOD,
+    RESULT,
     AllowVrt,
     Command,
+    Context,
+    HelpFormatter,
     MaxMemory,
     Method,
     Out,
@@ -29,39 +35,55 @@ from zpm2.errors import ConfigError
 class EvalCommand(Command):
     """`zpm2 eval`, whose help names the registered data sets."""
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
+    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
         """As `Command`; the data sets are looked up now, as their modules take time to load."""
         for item in self.get_params(ctx):
-            if item.name == "dataset":
-                cast(Any, item).help = f"One of {', '.join(datasets())}; see docs/datasets.md."
+            if isinstance(item, TyperArgument) and item.name == "dataset":
+                item.help = f"One of {', '.join(datasets())}; see docs/datasets.md."
         super().format_options(ctx, formatter)
 
 
 def evaluate(
-    dataset: Annotated[str, typer.Argument(help="A data set by name.", autocompletion=one_of(datasets))],
-    root: Annotated[Path, typer.Option(help="The folder that holds the data set, as its publisher lays it out.")],
+    dataset: Annotated[str, typer.Argument(help="Name of the data set.", autocompletion=one_of(datasets))],
+    root: Annotated[Path, typer.Option(help="Folder of the data set, laid out as published.", rich_help_panel=DATA)],
     out: Out = Path("zpm2-eval"),
-    split: Annotated[str | None, typer.Option(help="A part of the data set.")] = None,
+    split: Annotated[str | None, typer.Option(help="One part of the data set.", rich_help_panel=DATA)] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of the data set (docs/datasets.md); repeatable.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="An option of the data set (docs/datasets.md). Repeatable.",
+            rich_help_panel=DATA,
+        ),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="The first so many pairs.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Only the first N pairs.", rich_help_panel=DATA)
+    ] = None,
     preset: Preset = "default",
     settings: Settings = None,
     method: Method = "zpm2",
     regions: Annotated[
-        Path | None, typer.Option(help="Take the polygons of the predictions in this folder instead of detecting them.")
+        Path | None,
+        typer.Option(
+            help="Folder of an earlier evaluation: use its polygons instead of detecting regions.",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
-    score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
+    score_only: Annotated[
+        bool,
+        typer.Option("--score-only", help="Match nothing; score the predictions again.", rich_help_panel=RESULT),
+    ] = False,
+    parquet: Annotated[
+        bool, typer.Option("--parquet", help="Also write rows.parquet.", rich_help_panel=RESULT)
+    ] = False,
     allowed: AllowVrt = None,
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
     """Match every pair of a data set and score the matches.
 
-    Predictions are kept, a folder for each pair: a run that was interrupted goes on where it stopped, and --score-only
-    scores them again without any model. Writes rows.csv, summary.json and summary.md.
+    Writes rows.csv, summary.json, summary.md and the prediction of each pair. If a run was interrupted, start the same
+    command again: it continues where it stopped. --score-only scores the predictions again and needs no weights.
     """
     from zpm2.evaluate import report
     from zpm2.evaluate.predictions import PREDICTIONS
@@ -81,16 +103,15 @@ def evaluate(
         )
     warn(f"{values['pair']}: {values['status']}" for values in rows if values["status"] != "ok")
     if not quiet:
-        total = {name: value for name, value in report.summary(rows).items() if value is not None}
-        print(json.dumps(total, indent=1))
+        print(json.dumps(report.known(report.summary(rows)), indent=1))
         if published := evaluation.published(rows):
             print(published)
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
 
-def _options(texts: list[str]) -> dict[str, Any]:
+def _options(texts: list[str]) -> dict[str, bool | int | str]:
     """Options of a data set as Python values: "true", "false" and whole numbers become what they mean."""
-    found: dict[str, Any] = {}
+    found: dict[str, bool | int | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
         if not (name and value):

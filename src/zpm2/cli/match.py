@@ -2,8 +2,9 @@
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
@@ -50,7 +51,8 @@ def match(
         list[str] | None,
         typer.Option(
             "--format",
-            help="More files: coco, geojson, gpkg, shapefile. Repeatable.",
+            metavar="FORMAT",
+            help="Also write this format: coco, geojson, gpkg or shapefile. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),
@@ -60,7 +62,7 @@ def match(
         bool,
         typer.Option(
             "--outlines",
-            help="Pair the outlines of each match, point by point, in matches.json.",
+            help="Add homologous points all around the outlines of each match to matches.json.",
             rich_help_panel=RESULT,
         ),
     ] = False,
@@ -68,7 +70,7 @@ def match(
     quality: Annotated[
         str | None,
         typer.Option(
-            help="fast, balanced or full: how densely regions are looked for.  [default: preset's]",
+            help="How densely to look for regions: fast, balanced or full.  [default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(choices("segment.quality")),
         ),
@@ -76,7 +78,8 @@ def match(
     segmenter: Annotated[
         str | None,
         typer.Option(
-            help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).",
+            help="What finds the regions: mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own).  "
+            "[default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(segmenters),
         ),
@@ -84,7 +87,7 @@ def match(
     points: Annotated[
         str | None,
         typer.Option(
-            help="Point matchers, comma separated: xfeat,sift.",
+            help="One or several point matchers, for example xfeat,sift (docs/points.md).  [default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(point_matchers),
         ),
@@ -93,13 +96,18 @@ def match(
     config_file: ConfigFile = None,
     settings: Settings = None,
     left_regions: Annotated[
-        Path | None, typer.Option(help="Label image, COCO JSON or GeoJSON, left.", rich_help_panel=REGIONS)
+        Path | None,
+        typer.Option(
+            help="Regions of the left photograph: label image, COCO JSON or GeoJSON.", rich_help_panel=REGIONS
+        ),
     ] = None,
-    right_regions: Annotated[Path | None, typer.Option(help="The same, right.", rich_help_panel=REGIONS)] = None,
+    right_regions: Annotated[
+        Path | None, typer.Option(help="The same of the right photograph.", rich_help_panel=REGIONS)
+    ] = None,
     tiles: Annotated[
         str | None,
         typer.Option(
-            help="auto, on or off: match large photographs tile by tile.  [default: preset's]",
+            help="Match tile by tile: auto (large photographs only), on or off.  [default: preset's]",
             rich_help_panel=LARGE,
             autocompletion=one_of(choices("tiles.mode")),
         ),
@@ -109,14 +117,14 @@ def match(
     gsd: Annotated[
         str | None,
         typer.Option(
-            help="Ground sampling distance, m per px, one or left,right.  [default: as the files say]",
+            help="Ground sample distance, metres per pixel: one number, or left,right.  [default: as the files say]",
             rich_help_panel=LARGE,
         ),
     ] = None,
     min_area_m2: Annotated[
         float | None,
         typer.Option(
-            "--min-area-m2", help="Leave out polygons smaller than this on the ground.", rich_help_panel=LARGE
+            "--min-area-m2", help="Leave out polygons that cover fewer square metres of ground.", rich_help_panel=LARGE
         ),
     ] = None,
     device: Device = None,
@@ -128,9 +136,9 @@ def match(
 ) -> None:
     """Match the polygons of two photographs.
 
-    Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; for georeferenced photographs
-    matches.gpkg, for large ones contact.png. A large run that was interrupted goes on from where it stopped when the
-    same command is started again.
+    Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; matches.gpkg for georeferenced
+    photographs; contact.png for large ones. If a run over large photographs was interrupted, start the same command
+    again: it continues where it stopped.
     """
     from zpm2 import api
     from zpm2.files.record import TILES, remove_own
@@ -170,11 +178,29 @@ def match(
     report(result, out, quiet, as_json)
 
 
-def report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: dict[str, Any] | None = None) -> None:
+class Summary(TypedDict):
+    """What `--json` prints of a result."""
+
+    matches: int
+    by_stage: dict[str, int]
+    mean_confidence: float
+    left_polygons: int
+    right_polygons: int
+    points: int
+    unmatched: dict[str, dict[str, int]]  # side -> reason -> polygons
+    seconds: dict[str, float]  # by stage
+    warnings: list[str]
+    notes: list[str]
+    out: str
+
+
+def report(
+    result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: Mapping[str, object] | None = None
+) -> None:
     """Prints the warnings of a result, and what it holds: as JSON, with `more` beside it, or as a table."""
     warn(result.warnings)
     stages = {stage: sum(m.stage == stage for m in result.matches) for stage in ("global", "local", "guided")}
-    summary = {
+    summary: Summary = {
         "matches": len(result.matches),
         "by_stage": {stage: count for stage, count in stages.items() if count},
         "mean_confidence": round(sum(m.confidence for m in result.matches) / max(len(result.matches), 1), 4),
@@ -189,15 +215,14 @@ def report(result: "MatchResult", out: Path, quiet: bool, as_json: bool, more: d
         "warnings": list(result.warnings),
         "notes": list(result.notes),
         "out": str(out),
-        **(more or {}),
     }
     if as_json:
-        print(json.dumps(summary))
+        print(json.dumps({**summary, **(more or {})}))
     elif not quiet:
         _print_table(result, summary, out)
 
 
-def _print_table(result: "MatchResult", summary: dict[str, Any], out: Path) -> None:
+def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table

@@ -1,9 +1,10 @@
 """What the commands share: their options, the help and completion of these, and the configuration they make."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 from typer.core import TyperCommand
@@ -19,21 +20,35 @@ RESULT = "Results"
 METHOD = "Method"
 REGIONS = "Your own regions"
 CAMERAS = "Cameras"
+DATA = "Data set"
 LARGE = "Large and georeferenced photographs"
 RUN = "Run"
+
+
+Context = Any  # click.Context, or that of the click that newer versions of typer carry inside
+
+
+class HelpFormatter(Protocol):
+    """What the help needs of click's formatter."""
+
+    def section(self, name: str) -> AbstractContextManager[None]:
+        """A titled part of the help."""
+
+    def write_dl(self, rows: Sequence[tuple[str, str]]) -> None:
+        """Options and what they mean, in two columns."""
 
 
 class Command(TyperCommand):
     """A command that lists its options in groups, and whose memory budget ends with it."""
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Context) -> object:
         """As typer does."""
         with memory.within(memory.AUTO):
             return super().invoke(ctx)
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
+    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
         """Arguments, then each group in the order of its first option."""
-        groups: dict[str, list[Any]] = {}
+        groups: dict[str, list[tuple[str, str]]] = {}
         for item in self.get_params(ctx):
             record = item.get_help_record(ctx)
             if record is not None:
@@ -150,12 +165,12 @@ def positive(what: str) -> Callable[[typer.CallbackParam, float | None], float |
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.", rich_help_panel=RESULT)]
 NonOverlapping = Annotated[
     bool,
-    typer.Option("--non-overlapping", help="Give each pixel to one match at most.", rich_help_panel=RESULT),
+    typer.Option("--non-overlapping", help="Assign every pixel to at most one match.", rich_help_panel=RESULT),
 ]
 Preset = Annotated[
     str,
     typer.Option(
-        help="paper: the published method and numbers. default: the best we know.",
+        help="default: finds more matches, in less time; paper: the published method and its numbers.",
         rich_help_panel=METHOD,
         autocompletion=one_of(presets),
     ),
@@ -169,14 +184,17 @@ Method = Annotated[
     ),
 ]
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", help="A .toml or .json file, laid over the preset.", rich_help_panel=METHOD)
+    Path | None,
+    typer.Option(
+        "--config", help="A .toml or .json file whose fields replace those of the preset.", rich_help_panel=METHOD
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="STAGE.FIELD=VALUE",
-        help="Any field of the configuration, see zpm2 config list. Repeatable.",
+        help="Set one field of the configuration (zpm2 config list shows them). Repeatable.",
         rich_help_panel=METHOD,
         autocompletion=settings_of,
     ),
@@ -184,7 +202,8 @@ Settings = Annotated[
 Bands = Annotated[
     str | None,
     typer.Option(
-        help="One band or three (red,green,blue), counted from 1.  [default: as the file says]", rich_help_panel=LARGE
+        help="Bands to read, counted from 1: one, or red,green,blue.  [default: as the file says]",
+        rich_help_panel=LARGE,
     ),
 ]
 AllowVrt = Annotated[
@@ -192,34 +211,36 @@ AllowVrt = Annotated[
     typer.Option(
         "--allow-vrt",
         metavar="FOLDER",
-        help="Let VRT files have sources below this folder, not only beside themselves. Repeatable.",
+        help="VRT files may read only files beside themselves; allow this folder, too. Repeatable.",
         rich_help_panel=LARGE,
     ),
 ]
 Device = Annotated[
     str | None,
     typer.Option(
-        help="auto, cpu or cuda.  [default: auto]",
+        help="Where to compute: auto, cpu or cuda.  [default: auto]",
         rich_help_panel=RUN,
         autocompletion=one_of(devices),
     ),
 ]
 Seed = Annotated[
     int | None,
-    typer.Option(help="Of everything random; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN),
+    typer.Option(
+        help="Seed of the random numbers; the same seed gives the same bytes.  [default: 0]", rich_help_panel=RUN
+    ),
 ]
 MaxMemory = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Use at most this much memory (8GB, 512MB); a pair that needs more is matched in tiles, or refused.  "
+        help="Most memory to use, for example 8GB or 512MB. A pair that needs more is matched in tiles, or refused.  "
         "[default: 80% of what is free]",
         rich_help_panel=RUN,
     ),
 ]
 WeightsDir = Annotated[
     Path | None,
-    typer.Option(help="A folder of your own copies of the weights, searched first.", rich_help_panel=RUN),
+    typer.Option(help="Folder with your own copies of the weights, searched first.", rich_help_panel=RUN),
 ]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.", rich_help_panel=RUN)
@@ -227,7 +248,7 @@ Quiet = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.", rich_help_panel=RUN)]
 
 
-def configure(preset: str, file: Path | None = None, settings: list[str] | None = None, **options: Any) -> "Config":
+def configure(preset: str, file: Path | None = None, settings: list[str] | None = None, **options: object) -> "Config":
     """The preset, under the file, under the settings, under those `options` (`config.OPTIONS`) that are not None. Its
     memory budget holds for the rest of the command."""
     from zpm2 import config
@@ -244,7 +265,7 @@ def use_weights(directory: Path | None) -> None:
     """Look for weights in a folder of the user's first."""
     if directory is not None:
         if not directory.is_dir():
-            raise ConfigError(f"--weights-dir {directory} is no folder: give one that holds weight files")
+            raise ConfigError(f"--weights-dir {directory} is not a folder: give one that holds weight files")
         os.environ["ZPM2_WEIGHTS"] = str(directory)
 
 

@@ -53,12 +53,12 @@ def pose(
         ),
     ] = None,
     k2: Annotated[
-        str | None, typer.Option("--K2", help="Right camera.  [default: as the left one]", rich_help_panel=CAMERAS)
+        str | None, typer.Option("--K2", help="Right camera.  [default: same as the left one]", rich_help_panel=CAMERAS)
     ] = None,
     centers: Annotated[
         str,
         typer.Option(
-            help="Where numbers and matrix files have the centre of the first pixel: 0.5, or 0 (OpenCV).",
+            help="Coordinate of the first pixel's centre in numbers and matrix files: 0.5, or 0 (OpenCV).",
             rich_help_panel=CAMERAS,
             autocompletion=one_of(lambda: CENTERS),
         ),
@@ -66,14 +66,14 @@ def pose(
     baseline: Annotated[
         float | None,
         typer.Option(
-            help="Distance of the cameras, in the unit that the translation shall have.",
+            help="Distance between the cameras; the translation gets its unit.",
             rich_help_panel=CAMERAS,
             callback=positive("length"),
         ),
     ] = None,
     matches: Annotated[
         Path | None,
-        typer.Option(help="Take the matches of this folder of zpm2 match instead of matching.", rich_help_panel=METHOD),
+        typer.Option(help="Use the matches in this folder of zpm2 match instead of matching.", rich_help_panel=METHOD),
     ] = None,
     rectify: Annotated[
         bool,
@@ -90,7 +90,7 @@ def pose(
     estimator: Annotated[
         str | None,
         typer.Option(
-            help="opencv, poselib, or auto: poselib where it is installed.  [default: preset's]",
+            help="opencv, poselib, or auto (poselib if it is installed).  [default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(choices("pose.estimator")),
         ),
@@ -107,11 +107,11 @@ def pose(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate the relative pose of two photographs from their matched polygons.
+    """Estimate the relative pose of the two cameras.
 
-    Writes pose.json and, unless --matches is given, the files of zpm2 match. R and t take points of the left camera to
-    the right one: X_right = R X_left + t, t of unit length without --baseline. The exit code is 3 where there is no
-    pose; pose.json then says why.
+    Uses matched polygons and homologous points. Writes pose.json and, unless --matches is given, the files of zpm2
+    match. R and t take points of the left camera to the right one: X_right = R X_left + t; t has unit length without
+    --baseline. If there is no pose, the exit code is 3 and pose.json says why.
     """
     config = configure(
         preset,
@@ -124,7 +124,7 @@ def pose(
         max_memory=max_memory,
     )
     if centers not in CENTERS:
-        raise ConfigError(f"--centers {centers}: pixel centres are counted from 0.5 or from 0")
+        raise ConfigError(f"--centers {centers}: give 0.5 or 0, the coordinate of the first pixel's centre")
     from zpm2.formats.saving import file_names as match_names
     from zpm2.pose import find
     from zpm2.pose.run import check_colmap, file_names
@@ -166,7 +166,7 @@ def _report(pair: "OrientedPair", out: Path, written: list[Path], quiet: bool, a
         return
     if quiet:
         return
-    counts = document["counts"]
+    counts = found.counts()
     print(
         f"{counts['inliers']} of {counts['used']} points agree, in {counts['regions_with_inliers']} of "
         f"{counts['regions']} matched regions ({counts['local']} points from crops)"
@@ -178,10 +178,10 @@ def _report(pair: "OrientedPair", out: Path, written: list[Path], quiet: bool, a
         print("t  " + ("none" if shift is None else "  ".join(f"{value: .6f}" for value in shift)))
         turned, moved = found.pose.rotation_sigma, found.pose.translation_sigma
         if turned is None:
-            print("one standard deviation: not known, this may be quite another pose (see the warnings)")
+            print("standard deviation: unknown, the true pose may be quite different (see the warnings)")
         else:
             print(
-                f"one standard deviation: {turned:.3f} degrees of R"
+                f"standard deviation: {turned:.3f} degrees of R"
                 + (f", {moved:.3f} degrees of the direction of t" if moved is not None else "")
             )
     print(f"Written: {', '.join(map(str, written))}")

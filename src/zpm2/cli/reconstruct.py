@@ -8,6 +8,8 @@ import typer
 
 from zpm2.cli.console import bars, fresh_folder, warn
 from zpm2.cli.options import (
+    CAMERAS,
+    METHOD,
     AllowVrt,
     AsJson,
     ConfigFile,
@@ -22,25 +24,36 @@ from zpm2.cli.options import (
 
 
 def reconstruct(
-    images: Annotated[list[Path], typer.Argument(help="A folder of photographs, or photographs.")],
+    images: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the photographs themselves.")],
     out: Out = Path("zpm2-reconstruct"),
     cameras: Annotated[
         Path | None,
         typer.Option(
-            help="Known cameras: COLMAP model, cameras.npz, folder of _cam.txt or .camera files. "
-            "[default: structure from motion]"
+            help="Known cameras: COLMAP model, cameras.npz, or folder of _cam.txt or .camera files.  "
+            "[default: structure from motion]",
+            rich_help_panel=CAMERAS,
         ),
     ] = None,
     max_size: Annotated[
         int | None,
-        typer.Option(help="px, the longer side of the images that depth is computed on.  [default: preset's]"),
+        typer.Option(
+            help="Longer side of the images that depth is computed on, px.  [default: preset's]", rich_help_panel=METHOD
+        ),
     ] = None,
     neighbors: Annotated[
-        int | None, typer.Option(help="Views that the depth of each view is computed from.  [default: preset's]")
+        int | None,
+        typer.Option(
+            help="How many other views the depth of a view is computed from.  [default: preset's]",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
     sequence: Annotated[
         bool,
-        typer.Option("--sequence", help="The photographs are a sequence: match each with the next ones only."),
+        typer.Option(
+            "--sequence",
+            help="The photographs are a sequence: match each only with the next ones.",
+            rich_help_panel=METHOD,
+        ),
     ] = False,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -50,10 +63,10 @@ def reconstruct(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Reconstruct cameras and a surface from photographs, as a workspace for zpm2 cloud.
+    """Reconstruct cameras and a surface from photographs.
 
-    Writes images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal maps), fused.ply and mesh.ply. Needs
-    pycolmap: pip install "zpm2[colmap,cloud]".
+    The result is a workspace for zpm2 cloud: images/, sparse/0 (COLMAP), dense/ (undistorted images, depth and normal
+    maps), fused.ply and mesh.ply. Needs pycolmap: pip install "zpm2[colmap,cloud]".
     """
     from zpm2.reconstruct import claimed_names, read_inputs
     from zpm2.reconstruct import reconstruct as run

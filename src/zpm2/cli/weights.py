@@ -14,7 +14,7 @@ from zpm2.cli.options import WeightsDir, one_of
 from zpm2.errors import WeightsError
 from zpm2.weights.store import find
 
-app = typer.Typer(help="See, fetch and check the pre-trained weights.", no_args_is_help=True)
+app = typer.Typer(help="List, fetch and check the pre-trained weights.", no_args_is_help=True)
 
 NAMES = one_of(lambda: [item.name for item in weights.MANIFEST])
 
@@ -24,7 +24,7 @@ def list_(
     weights_dir: WeightsDir = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole manifest as JSON.")] = False,
 ) -> None:
-    """List the weights with their licences, and where they are on this machine."""
+    """List the weights, their licences and where they are."""
     rows = weights.status(weights_dir)
     if as_json:
         fields = ("name", "file", "size", "sha256", "licence", "commercial_use", "terms", "purpose", "home")
@@ -52,11 +52,11 @@ def list_(
 @app.command()
 def get(
     names: Annotated[
-        list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or: all.", autocompletion=NAMES)
+        list[str], typer.Argument(metavar="NAME...", help="Names as `list` prints them, or all.", autocompletion=NAMES)
     ],
     weights_dir: WeightsDir = None,
     accept_licence: Annotated[
-        bool, typer.Option("--accept-licence", help="Accept the licence of weights that forbid commercial use.")
+        bool, typer.Option("--accept-licence", help="Accept a licence that forbids commercial use.")
     ] = False,
 ) -> None:
     """Fetch weights into the cache. `all` leaves out those whose licence you must accept first."""
@@ -76,28 +76,28 @@ def get(
 @app.command()
 def verify(
     name: Annotated[
-        str | None, typer.Argument(help="One name; without it, all that are here.", autocompletion=NAMES)
+        str | None, typer.Argument(help="Name as `list` prints it.  [default: all that are here]", autocompletion=NAMES)
     ] = None,
     weights_dir: WeightsDir = None,
 ) -> None:
-    """Hash the files that are here again, and compare them with the manifest."""
+    """Check the files that are here against their known hashes."""
     if name:
-        print(f"{name}: {weights.verify(name, directory=weights_dir)} is right")
+        print(f"{name}: {weights.verify(name, directory=weights_dir)} is intact")
         return
 
     def check(name: str) -> str:
         path = find(weights.entry(name), weights_dir, rehash=True)
-        return f"{path} is right" if path else "not here"
+        return f"{path} is intact" if path else "not here"
 
     _each([item.name for item in weights.MANIFEST], check)
 
 
 @app.command()
 def path(
-    name: Annotated[str, typer.Argument(help="A name as `list` prints it.", autocompletion=NAMES)],
+    name: Annotated[str, typer.Argument(help="Name as `list` prints it.", autocompletion=NAMES)],
     weights_dir: WeightsDir = None,
 ) -> None:
-    """Print where the verified file is. Nothing is fetched."""
+    """Print the path of a verified file. Nothing is fetched."""
     print(weights.locate(name, directory=weights_dir))
 
 

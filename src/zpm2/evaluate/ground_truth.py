@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -82,7 +81,7 @@ def _depth(file: Path, size: tuple[int, int], scale: float) -> NDArray[np.float3
     return values[np.ix_(rows.astype(np.intp), columns.astype(np.intp))]
 
 
-def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, int]) -> CoVisible:
+def from_disparity(disparity: NDArray[np.floating], right_size: tuple[int, int]) -> CoVisible:
     """Co-visible points of a rectified pair: left (x, y) is right (x - d, y).
 
     disparity: (h, w) px of the left image, not finite where unknown. A point is hidden if another one in the same pixel
@@ -102,10 +101,10 @@ def from_disparity(disparity: NDArray[np.floating[Any]], right_size: tuple[int, 
 
 
 def from_depth(
-    depth: NDArray[np.floating[Any]],
+    depth: NDArray[np.floating],
     cameras: DepthTruth,
     right_size: tuple[int, int],
-    right_depth: NDArray[np.floating[Any]] | None = None,
+    right_depth: NDArray[np.floating] | None = None,
 ) -> CoVisible:
     """Co-visible points of two calibrated views; only the cameras of `cameras` are used.
 
@@ -147,14 +146,17 @@ def from_homography(matrix: Array, left_size: tuple[int, int], right_size: tuple
     return _gathered(project, everywhere.shape, right_size)
 
 
-def _known(values: NDArray[np.floating[Any]], rows: slice) -> tuple[Array, Array]:
+def _known(values: NDArray[np.floating], rows: slice) -> tuple[Array, Array]:
     """(k, 2) px centres and (k,) values of the finite pixels in some rows."""
     y, x = np.nonzero(np.isfinite(values[rows]))
     return np.c_[x + 0.5, y + (rows.start + 0.5)], values[rows][y, x].astype(np.float64)
 
 
 def _unhidden(
-    project: _Project, shape: tuple[int, ...], right_size: tuple[int, int], seen: Callable[[Array, Array], Any]
+    project: _Project,
+    shape: tuple[int, ...],
+    right_size: tuple[int, int],
+    seen: Callable[[Array, Array], NDArray[np.bool_]],
 ) -> CoVisible:
     """Projected points that pass a z-buffer of the right image's pixels: `seen(nearness, greatest nearness there)`."""
     nearest = np.full(right_size[0] * right_size[1], -np.inf)
@@ -210,7 +212,7 @@ class Overlap:
 
     left: LabelRaster
     right: LabelRaster
-    counts: Any  # (m, m') scipy.sparse csr_array: co-visible points in each pair of cells
+    counts: scipy.sparse.csr_array  # (m, m') co-visible points in each pair of cells
 
     @property
     def points(self) -> int:

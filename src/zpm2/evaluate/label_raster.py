@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -19,7 +18,7 @@ class LabelRaster:
     """The pixels of n polygons, cut into m cells, each of pixels in the same polygons; cell 0 is in none."""
 
     labels: NDArray[np.int32]  # (h, w) the cell of each pixel
-    members: Any  # (n, m) scipy.sparse csr_array of 0 and 1: polygon k holds cell c
+    members: scipy.sparse.csr_array  # (n, m) of 0 and 1: polygon k holds cell c
     sizes: NDArray[np.int64]  # (m,) pixels of each cell
     pixels: NDArray[np.int64]  # (n,) pixels of each polygon
 
@@ -70,7 +69,7 @@ def polygon_pixels(polygon: Polygon, width: int, height: int) -> tuple[tuple[sli
     return (slice(top, bottom), slice(left, right)), inside
 
 
-def _membership(holders: Sequence[tuple[int, ...]], n: int) -> Any:
+def _membership(holders: Sequence[tuple[int, ...]], n: int) -> scipy.sparse.csr_array:
     polygons = np.array([k for held in holders for k in held], np.intp)
     cells = np.repeat(np.arange(len(holders)), [len(held) for held in holders])
     ones = np.ones(len(polygons), np.int64)

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,6 +22,7 @@ from zpm2.result import MatchResult
 from zpm2.runtime import package_version
 
 T = TypeVar("T")
+Document = dict[str, Any]  # a JSON object from a file: `_taken` refuses one that does not hold what is read
 RUN, PREDICTIONS = "run.json", "predictions"
 MatchPair = Callable[[EvalPair], MatchResult]
 RESULTS = ("matches.json", "pose.json", "memory.json")
@@ -35,7 +36,7 @@ class PredictionSettings:
     dataset: str
     split: str | None
     method: str
-    config: dict[str, Any]
+    config: Mapping[str, object]
     regions: str | None = None  # the folder of the evaluation whose polygons it took
     version: str = field(default_factory=package_version)
     code: str = field(default_factory=code)  # a hash of the package's source
@@ -121,7 +122,7 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
 def is_current(pair: EvalPair, out: Path) -> bool:
     """Whether the prediction of a pair is of the photographs that it has now."""
 
-    def same(document: dict[str, Any]) -> bool:
+    def same(document: Document) -> bool:
         sides = (document["left"], pair.left), (document["right"], pair.right)
         return all(has_content(side, file) for side, file in sides)
 
@@ -161,7 +162,7 @@ def peak_mb() -> int | None:
     return size // (1024 * 1024 if sys.platform == "darwin" else 1024)
 
 
-def _pose(values: dict[str, Any]) -> PredictedPose:
+def _pose(values: Document) -> PredictedPose:
     found, flags, counts = None, "failed", values["counts"]
     if (motion := values["pose"]) is not None:
         shift = motion["translation"]
@@ -172,11 +173,11 @@ def _pose(values: dict[str, Any]) -> PredictedPose:
     return PredictedPose(found, flags, int(counts["used"]), int(counts["inliers"]), seconds)
 
 
-def _number(value: Any) -> float | None:
+def _number(value: float | None) -> float | None:
     return None if value is None else float(value)
 
 
-def _taken(file: Path, take: Callable[[dict[str, Any]], T]) -> T:
+def _taken(file: Path, take: Callable[[Document], T]) -> T:
     """`take` of the object in a JSON file; `InputError` where it lacks something."""
     try:
         return take(_read_json(file))
@@ -184,7 +185,7 @@ def _taken(file: Path, take: Callable[[dict[str, Any]], T]) -> T:
         raise InputError(f"{file} is damaged ({error!r}); delete it and run again") from error
 
 
-def _read_json(file: Path) -> dict[str, Any]:
+def _read_json(file: Path) -> Document:
     try:
         values = read_json(file)
     except (OSError, ValueError) as error:

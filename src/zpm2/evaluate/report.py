@@ -7,7 +7,6 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from zpm2.config import Config
 from zpm2.errors import Failed, InputError, MissingDependency
 from zpm2.evaluate import predictions
 from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
-from zpm2.evaluate.pairs import EvalPair, PoseTruth
+from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth, Truth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
 from zpm2.files.writing import atomic_write, claim
@@ -26,7 +25,8 @@ from zpm2.result import MatchResult
 COUNTS = ("good", "scored", "unscored", "gt")
 SHARES = ("MAS", "P", "R", "F1", "ACR", "AOR", "CCR", "CCR5")  # of `Scores.to_dict`, means are taken over pairs
 PAPER = ("P", "R", "F1", "ACR")  # by the paper's ground truth too
-Row = dict[str, Any]
+Cell = str | float | None
+Row = dict[str, Cell]  # the figures of one pair by name; a pair lacks those that it cannot have
 
 _FORMULA = re.compile(r"\s*[=+@\uff1d\uff0b\uff0d\uff20-]|[\t\r\n]")  # how one begins, in wide letters too
 
@@ -57,7 +57,7 @@ def row(pair: EvalPair, out: Path) -> Row:
     return values
 
 
-def _dense(result: MatchResult, truth: Any) -> Row:
+def _dense(result: MatchResult, truth: Truth) -> Row:
     by_threshold = {s.iou: s.to_dict() for s in scores(result, truth)}
     middle = by_threshold[0.5]
     figures: Row = {name: middle[name] for name in (*COUNTS, *SHARES)}
@@ -80,11 +80,11 @@ def _pose(result: MatchResult, predicted: predictions.PredictedPose | None, trut
     return figures
 
 
-def _pose_errors(motion: tuple[Any, Any] | None, truth: PoseTruth) -> tuple[float, float]:
+def _pose_errors(motion: tuple[Array, Array | None] | None, truth: PoseTruth) -> tuple[float, float]:
     """Degrees of R and t; infinity where there is no pose, or no translation."""
     if motion is None or motion[1] is None:
         return float("inf"), float("inf")
-    return pose_error(np.asarray(motion[0]), np.asarray(motion[1]), truth.pose)
+    return pose_error(motion[0], motion[1], truth.pose)
 
 
 def without_polygons(config: Config) -> Config:
@@ -100,41 +100,47 @@ def cameras_of(result: MatchResult, truth: PoseTruth) -> tuple[Camera, Camera]:
     )
 
 
-def summary(rows: Sequence[Row]) -> dict[str, Any]:
+def summary(rows: Sequence[Row]) -> dict[str, float | None]:
     """Sums, means over pairs and AUC of the pairs that have them. Failed pairs are counted, not averaged."""
     done = [r for r in rows if "matches" in r]
     dense = [r for r in done if "MAS" in r]
-    found: dict[str, Any] = {
+    found: dict[str, float | None] = {
         "pairs": len(rows),
         "done": len(done),
         "problems": sum(r["status"] != "ok" for r in rows),
         "matches": _mean(done, "matches"),
         "seconds": _mean(done, "seconds"),
-        "peak_mb": max((r["peak_mb"] for r in done if r["peak_mb"]), default=None),
+        "peak_mb": max((mb for mb in _numbers(done, "peak_mb") if mb), default=None),
         "dense": len(dense),
     }
-    found |= {name: sum(r[name] for r in dense) for name in COUNTS if dense}
+    found |= {name: sum(_numbers(dense, name)) for name in COUNTS if dense}
     names = (*(f"MAS{round(100 * t)}" for t in IOU_THRESHOLDS), *SHARES[1:], *(f"{name}_paper" for name in PAPER))
     found |= {name: _mean(dense, name) for name in names if dense}
     found |= {name: _mean(done, name) for name in _stages(done)}
     for kind in ("", "_points"):
         posed = [r for r in done if f"error_R{kind}" in r]
         if posed:
-            auc = pose_auc([(r[f"error_R{kind}"], r[f"error_t{kind}"]) for r in posed])
+            errors = zip(_numbers(posed, f"error_R{kind}"), _numbers(posed, f"error_t{kind}"), strict=True)
+            auc = pose_auc(list(errors))
             found[f"posed{kind}"] = len(posed)
             found |= {f"AUC{t}{kind}": value for t, value in zip((5, 10, 20), auc, strict=True)}
     return found
 
 
+def known(total: Mapping[str, float | None]) -> dict[str, float]:
+    """The figures of a summary that there are."""
+    return {name: value for name, value in total.items() if value is not None}
+
+
 def pose_table(rows: Sequence[Row]) -> str:
     """AUC of the pose with and without polygons beside the rows that the paper prints for ScanNet1500."""
-    total = summary(rows)
-    ours = [
+    total = known(summary(rows))
+    ours: list[list[Cell]] = [
         [name, *(100 * total[f"AUC{t}{kind}"] for t in (5, 10, 20)), f"measured, {total[f'posed{kind}']} pairs"]
         for name, kind in (("zpm2", ""), ("zpm2, all points, no polygons", "_points"))
         if f"posed{kind}" in total
     ]
-    printed = [[*row, "published, not measured here"] for row in POSE]
+    printed: list[list[Cell]] = [[*row, "published, not measured here"] for row in POSE]
     return table(["method", "AUC@5", "AUC@10", "AUC@20", "source"], [*printed, *ours])
 
 
@@ -154,14 +160,14 @@ def markdown(title: str, rows: Sequence[Row], made_by: str, beside: str = "") ->
     return "\n\n".join(parts) + "\n"
 
 
-def _summary_table(total: Mapping[str, Any]) -> str:
-    shown = {name: value for name, value in total.items() if value is not None}
+def _summary_table(total: Mapping[str, float | None]) -> str:
+    shown = known(total)
     shares = {name for name in shown if name.startswith(("MAS", "AUC")) or name.removesuffix("_paper") in SHARES}
     cells = [f"{100 * v:.2f} %" if name in shares else _cell(v) for name, v in shown.items()]
     return table(["figure", "value"], [[name, cell] for name, cell in zip(shown, cells, strict=True)])
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
     """A Markdown table."""
     lines = ["| " + " | ".join(columns) + " |", "| --- |" + " ---: |" * (len(columns) - 1)]
     return "\n".join([*lines, *("| " + " | ".join(_cell(value) for value in values) + " |" for values in rows)])
@@ -221,11 +227,16 @@ def _stages(rows: Sequence[Row]) -> list[str]:
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:
     """Over the rows that have it; ACR only where something is true, as it is a ratio to that."""
-    values = [r[name] for r in rows if r.get(name) is not None and (not name.startswith("ACR") or r["gt"])]
+    values = _numbers([r for r in rows if not name.startswith("ACR") or r["gt"]], name)
     return float(np.mean(values)) if values else None
 
 
-def _cell(value: Any) -> str:
+def _numbers(rows: Sequence[Row], name: str) -> list[float]:
+    """The numbers of the rows that have one under this name."""
+    return [value for r in rows if isinstance(value := r.get(name), int | float)]
+
+
+def _cell(value: Cell) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
@@ -233,6 +244,6 @@ def _cell(value: Any) -> str:
     return " ".join(str(value).split()).replace("|", "\\|").replace("<", "&lt;")
 
 
-def _harmless(value: Any) -> Any:
+def _harmless(value: Cell) -> Cell:
     """A cell of a CSV file: a text, such as a name, that a spreadsheet would take for a formula begins with '."""
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

@@ -5,7 +5,6 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from zpm2 import api
 from zpm2.config import Config, preset
@@ -30,7 +29,7 @@ class Evaluation:
     dataset: str  # a name of `evaluate.datasets.DATASETS`
     root: str | Path
     split: str | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)  # of the data set
+    options: Mapping[str, object] = field(default_factory=dict)  # of the data set
     limit: int | None = None  # only the first so many pairs
     method: str = "zpm2"  # a name of `api.METHODS`
     config: Config = field(default_factory=lambda: preset("default"))

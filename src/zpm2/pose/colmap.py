@@ -1,16 +1,22 @@
 """A pose as COLMAP's files: a database with the verified points, and a two-view model (package pycolmap)."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.files.writing import claim, why
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.pose.result import PoseResult
+
+if TYPE_CHECKING:
+    import pycolmap
 
 
 def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> Path:
@@ -23,7 +29,7 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
     """
     pycolmap = require_pycolmap()
     if isinstance(result.pose, Failed) or isinstance(result.cameras, Failed) or result.translation is None:
-        raise InputError("without a pose with a translation there is no model for COLMAP")
+        raise InputError("a model for COLMAP needs a pose with a translation, and this result has none")
     if names[0] == names[1]:
         raise InputError(f"both images are called {names[0]}: COLMAP needs names that differ")
     folder = claim(directory, ["database.db", "sparse"])
@@ -45,7 +51,12 @@ def write(result: PoseResult, names: tuple[str, str], directory: str | Path) -> 
 
 
 def _write_database(
-    pycolmap: Any, result: PoseResult, names: tuple[str, str], cameras: list[Any], motion: Any, path: Path
+    pycolmap: ModuleType,
+    result: PoseResult,
+    names: tuple[str, str],
+    cameras: "Sequence[pycolmap.Camera]",
+    motion: NDArray[np.float64],
+    path: Path,
 ) -> None:
     database = pycolmap.Database.open(str(path))
     try:
@@ -67,7 +78,13 @@ def _write_database(
         database.close()
 
 
-def _model(pycolmap: Any, result: PoseResult, names: tuple[str, str], cameras: list[Any], motion: Any) -> Any:
+def _model(
+    pycolmap: ModuleType,
+    result: PoseResult,
+    names: tuple[str, str],
+    cameras: "Sequence[pycolmap.Camera]",
+    motion: NDArray[np.float64],
+) -> "pycolmap.Reconstruction":
     assert not isinstance(result.cameras, Failed)
     model = pycolmap.Reconstruction()
     sides = result.points.points.left, result.points.points.right

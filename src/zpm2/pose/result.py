@@ -5,7 +5,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -101,7 +100,7 @@ class PoseResult:
     found: int  # points of the whole images, before anything was filtered
     fundamental: Array | Failed  # 3 x 3
     homography: Array | Failed  # 3 x 3
-    config: Mapping[str, Any] = field(repr=False)
+    config: Mapping[str, object] = field(repr=False)
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()
     baseline: float | None = None  # distance of the cameras in the unit of the user's choice, where it is known
@@ -154,7 +153,7 @@ class PoseResult:
                     warnings.append(f"the focal length of the {side} camera, {camera.focal:.0f} px, is {how}")
         return warnings
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The content of `pose.json` (schema "zpm2-pose/1")."""
         pose = self.pose
         return {
@@ -185,7 +184,7 @@ class PoseResult:
             "warnings": self.all_warnings(),
         }
 
-    def _pose(self, pose: RelativePose) -> dict[str, Any]:
+    def _pose(self, pose: RelativePose) -> dict[str, object]:
         essential, translation = pose.essential, self.translation
         return {
             "rotation": pose.rotation.tolist(),

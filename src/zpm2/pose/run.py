@@ -72,7 +72,7 @@ class OrientedPair:
                 written.append(_save_rectified(pair, self.matches, make_folder(out / RECTIFIED)))
         if as_colmap:
             if isinstance(self.pose.pose, Failed) or self.pose.translation is None:
-                missing.append("no COLMAP model: there is no pose with a translation")
+                missing.append("no COLMAP model: it needs a pose with a translation")
             else:
                 left, right = distinct_names(self.photographs)
                 written.append(colmap.write(self.pose, (left, right), make_folder(out / COLMAP)))

@@ -57,7 +57,7 @@ def _neighbours(path: Path) -> list[tuple[int, int]]:
             if sources and (sources[0], view) not in chosen:
                 chosen.append((view, sources[0]))
     except (ValueError, StopIteration) as error:
-        raise InputError(f"{path} is no pair file of MVSNet, or cut short: copy or download it again") from error
+        raise InputError(f"{path} is not a pair file of MVSNet, or is cut short: copy or download it again") from error
     return chosen
 
 

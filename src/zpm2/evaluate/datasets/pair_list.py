@@ -15,6 +15,7 @@ from zpm2.files.listing import existing, json_file, text
 from zpm2.formats import cameras
 
 KINDS = ("disparity", "depth", "pose", "homography")
+Entry = dict[str, Any]  # a JSON object as the user wrote it: each value is checked where it is read
 
 
 @dataset("pairs", truth="as listed")
@@ -41,13 +42,13 @@ def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
     try:
         columns, rows = table.fieldnames or (), [(table.line_num, row) for row in table]
     except csv.Error as error:  # a cell without end, most of all
-        raise InputError(f"{path} is no table of pairs, line {table.line_num}: {error}") from error
+        raise InputError(f"{path} is not a table of pairs, line {table.line_num}: {error}") from error
     if not {"left", "right"} <= set(columns) or not set(columns) <= set(known):
         raise InputError(f"{path} has the columns {','.join(columns)}: write left,right[,disparity,scale,sign,name]")
     return found((_row(root, row, f"{path} line {number}") for number, row in rows), f"rows in {path}")
 
 
-def _entry(root: Path, entry: dict[str, Any], what: str) -> EvalPair:
+def _entry(root: Path, entry: Entry, what: str) -> EvalPair:
     for key in ("name", "left", "right"):
         if not isinstance(entry.get(key), str) or not entry[key]:
             raise InputError(f"{what} has no '{key}': write it as a string")
@@ -56,7 +57,7 @@ def _entry(root: Path, entry: dict[str, Any], what: str) -> EvalPair:
     return EvalPair(name, existing(root / entry["left"]), existing(root / entry["right"]), _truth(root, entry, what))
 
 
-def _truth(root: Path, entry: dict[str, Any], what: str) -> Truth | None:
+def _truth(root: Path, entry: Entry, what: str) -> Truth | None:
     truth = entry.get("gt")
     if truth is None:
         return None
@@ -89,13 +90,13 @@ def _row(root: Path, row: dict[str, str | None], what: str) -> EvalPair:
     return EvalPair(path_name(*name.split("/")), left, right, truth)
 
 
-def _file(root: Path, truth: dict[str, Any], key: str, what: str) -> Path:
+def _file(root: Path, truth: Entry, key: str, what: str) -> Path:
     if not isinstance(truth.get(key), str):
         raise InputError(f"gt of {what} has no '{key}': write the path of its map")
     return existing(root / truth[key])
 
 
-def _scale(value: Any, what: str) -> float:
+def _scale(value: float | str, what: str) -> float:
     try:
         scale = float(value)
     except (TypeError, ValueError):
@@ -105,7 +106,7 @@ def _scale(value: Any, what: str) -> float:
     return scale
 
 
-def _sign(value: Any, what: str) -> int:
+def _sign(value: object, what: str) -> int:
     if str(value) not in ("1", "-1"):
         raise InputError(f"{what} has the sign {value!r}: write 1, or -1 where the file stores -d")
-    return int(value)
+    return int(str(value))

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.pairs import Dataset, EvalPair
@@ -47,13 +46,13 @@ def dataset(name: str, *, truth: str, splits: tuple[str, ...] | None = None) -> 
     return register
 
 
-def open_dataset(name: str, root: str | Path, split: str | None = None, **options: Any) -> Dataset:
+def open_dataset(name: str, root: str | Path, split: str | None = None, **options: object) -> Dataset:
     """The data set `name` (one of `DATASETS`) in the folder `root`. No file is read yet.
 
     docs/datasets.md shows the files that each one needs.
 
     split: a part of it, None for the usual one or for all; options: those of its loader, as `render` of sceneflow.
-    `ConfigError` for a name, split or option that does not exist, `InputError` where `root` is no folder.
+    `ConfigError` for a name, split or option that does not exist, `InputError` if `root` is not a folder.
     """
     _known("data set", name, tuple(DATASETS))
     chosen = DATASETS[name]
@@ -63,7 +62,7 @@ def open_dataset(name: str, root: str | Path, split: str | None = None, **option
     for option in options:
         _known(f"option of {name}", option, [p.name for p in parameters if p.kind is p.KEYWORD_ONLY])
     if not os.path.isdir(root):
-        raise InputError(f"root of data set {name}: {root} is no folder: give the one that holds its files")
+        raise InputError(f"root of data set {name}: {root} is not a folder; give the one that holds its files")
     return _Folder(name, partial(chosen.load, Path(root), split, **options))
 
 
@@ -88,4 +87,4 @@ class _Folder:
 def _known(what: str, name: str, names: Sequence[str]) -> None:
     if name in names:
         return
-    raise ConfigError(f"unknown {what} '{name}'{did_you_mean(name, names)}; there are: {', '.join(names) or 'none'}")
+    raise ConfigError(f"unknown {what} '{name}'{did_you_mean(name, names)}; known are: {', '.join(names) or 'none'}")

@@ -4,11 +4,11 @@ The index is either that of LoFTR, `test.npz` with `intrinsics.npz`, or SuperGlu
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.evaluate.datasets import scannet
@@ -24,7 +24,7 @@ _FOLDERS = ("", "scannet_test_1500", "scans_test")
 _FRAME = re.compile(r"(scene\d{4}_\d\d)\D*?(\d+)(?:\.color)?\.\w+$")
 
 
-@dataset("scannet1500", truth="pose, and depth where it is there", splits=SPLITS)
+@dataset("scannet1500", truth="pose; depth, too, where a scene has it", splits=SPLITS)
 def pairs(root: Path, split: str | None) -> Iterator[EvalPair]:
     """The pairs of an index in `root`, in its order.
 
@@ -59,11 +59,11 @@ def _from_archive(root: Path, index: Path) -> Iterator[EvalPair]:
         yield _pair(scene, images, frames, (k, k), scannet.DEPTH, cameras.rigid(full, f"pose of {what}"))
 
 
-def _scene(row: Any, index: Path) -> tuple[str, list[str]]:
+def _scene(row: NDArray[np.generic], index: Path) -> tuple[str, list[str]]:
     try:
         scene, part, left, right = (int(value) for value in row)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{index} has a row of 'name' that is no four whole numbers: download it again") from error
+        raise InputError(f"{index} has a row of 'name' that is not four whole numbers: download it again") from error
     return f"scene{scene:04d}_{part:02d}", [str(left), str(right)]
 
 
@@ -101,7 +101,7 @@ def _picture(root: Path, scene: str, frame: str, *first: Path) -> Path:
 def _pair(
     scene: str,
     images: list[Path],
-    frames: Any,
+    frames: Sequence[str],
     intrinsics: tuple[Array, Array],
     size: tuple[int, int],
     pose: Array,

@@ -1,4 +1,4 @@
-"""A rendered scene as files."""
+"""Writes a rendered scene to files."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ NAMES = ("left.png", "right.png", "left_labels.png", "right_labels.png")
 
 
 def save_scene(scene: RenderedScene, folder: Path) -> tuple[Path, Path]:
-    """Write both photographs, and the true regions of both as label images; where the photographs are."""
+    """Write both photographs, and their true regions as label images. Returns the paths of the photographs."""
     photographs = [cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) for pixels in (scene.left, scene.right)]
     for name, pixels in zip(NAMES, (*photographs, scene.labels, scene.labels_right), strict=True):
         atomic_write(folder / name, cv2.imencode(".png", pixels)[1].tobytes())

@@ -1,15 +1,15 @@
-"""The still life as a rectified camera pair sees it, with exact disparity, occlusion and labels."""
+"""Renders the still life for a rectified camera pair, with exact disparity, occlusion and labels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.evaluate.rendered.still_life import still_life
-from zpm2.evaluate.rendered.surfaces import RenderedSurface
+from zpm2.evaluate.rendered.surfaces import Points, RenderedSurface, Values
+from zpm2.evaluate.rendered.textures import Texture
 
 PITCH = 0.27  # rad, both cameras look down by this angle
 EYE = np.array([-0.1, 1.55, 0.0])  # m, the left camera in room coordinates
@@ -17,24 +17,24 @@ BASELINE = 0.2  # m
 FOCAL = 0.75  # focal length / image width
 LIGHTMAP = 0.04  # m, spacing of the points at which the light is computed
 SUN = np.array([0.86, 0.82, 0.75])  # colour of the window's light
-SKY = np.array([0.56, 0.58, 0.62])  # colour of the light from everywhere else
-BOUNCE = np.array([0.21, 0.21, 0.2])  # colour of the light that is in every corner
+SKY = np.array([0.56, 0.58, 0.62])  # colour of the light from the upper hemisphere
+BOUNCE = np.array([0.21, 0.21, 0.2])  # colour of the light that reaches every point, even in corners
 NOISE = 1.5  # grey levels, standard deviation
-GAIN = 1.06  # the right camera exposes this much longer
+GAIN = 1.06  # by which the right photograph is brighter: it is exposed longer
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedScene:
-    """A rendered pair. Left (x, y) and right (x - d, y) are one scene point; image coordinates as everywhere here."""
+    """A rendered pair. Left (x, y) and right (x - d, y) show the same scene point; pixel centres are at +0.5."""
 
     left: NDArray[np.uint8]  # (h, w, 3) RGB
     right: NDArray[np.uint8]  # (h, w, 3) RGB
-    disparity: NDArray[np.float32]  # (h, w) px, of the left image's pixel centres
-    disparity_right: NDArray[np.float32]  # (h, w) px, of the right image's: x_left = x_right + d
+    disparity: NDArray[np.float32]  # (h, w) px, at the pixel centres of the left image
+    disparity_right: NDArray[np.float32]  # (h, w) px, at those of the right image: x_left = x_right + d
     occluded: NDArray[np.bool_]  # (h, w) left pixels whose scene point the right camera does not see
     occluded_right: NDArray[np.bool_]  # (h, w) right pixels whose scene point the left camera does not see
-    labels: NDArray[np.uint16]  # (h, w) which surface a left pixel shows, from 1 on
-    labels_right: NDArray[np.uint16]  # (h, w) the same of the right image
+    labels: NDArray[np.uint16]  # (h, w) number of the surface that a left pixel shows, from 1 on
+    labels_right: NDArray[np.uint16]  # (h, w) the same for the right image
     f: float  # px, focal length
     baseline: float  # m; depth = f baseline / disparity
     cx: float  # px, principal point, pixel centres at +0.5
@@ -50,14 +50,14 @@ class _Camera:
     cx: float  # px
     cy: float  # px
 
-    def rays(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    def rays(self, x: Values, y: Values) -> Points:
         """(3, n) directions, room coordinates, through the image points x, y."""
         right, down = (x - self.cx) / self.f, (y - self.cy) / self.f
         cos, sin = np.array([np.cos(PITCH), np.sin(PITCH)], x.dtype)
         return np.stack([right, -cos * down - sin, cos - sin * down])
 
     def window(self, surface: RenderedSurface) -> tuple[float, float, float, float]:
-        """x0, y0, x1, y1 px: the surface is not seen outside."""
+        """The image rectangle x0, y0, x1, y1 (px) that contains all that is seen of the surface."""
         x, y, z = surface.corners() - self.position[:, None]
         depth = np.cos(PITCH) * z - np.sin(PITCH) * y
         if depth.min() <= 0.05:
@@ -68,7 +68,7 @@ class _Camera:
 
 
 def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> RenderedScene:
-    """The pair that `zpm2 demo` matches: ray cast, anti-aliased by 2 x 2 rays a pixel, the same for the same seed."""
+    """The pair that `zpm2 demo` matches: ray casting with 2 x 2 rays a pixel. The same seed gives the same pair."""
     rng = np.random.default_rng(seed)
     surfaces = still_life(rng)
     lights = _light(surfaces, np.random.default_rng(seed))
@@ -105,16 +105,16 @@ def render_scene(seed: int = 0, width: int = 960, height: int = 540) -> Rendered
     )
 
 
-def _grid(width: int, height: int, times: int, dtype: type) -> tuple[NDArray[Any], NDArray[Any]]:
+def _grid(width: int, height: int, times: int, dtype: type[np.floating]) -> tuple[Values, Values]:
     """x and y (n,) of `times` x `times` points in each pixel, row by row."""
     x, y = ((np.arange(n * times) + 0.5).astype(dtype) / times for n in (width, height))
     return np.tile(x, len(y)), np.repeat(y, len(x))
 
 
 def _cast(
-    surfaces: Sequence[RenderedSurface], camera: _Camera, x: NDArray[Any], y: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[np.int16]]:
-    """(n,) depth, m, of what is seen at each image point, and which surface it is. `y` must not decrease."""
+    surfaces: Sequence[RenderedSurface], camera: _Camera, x: Values, y: Values
+) -> tuple[Values, NDArray[np.int16]]:
+    """(n,) depth (m) and number of the surface seen at each image point. `y` must be sorted in ascending order."""
     rays = camera.rays(x, y)
     origin = camera.position.astype(x.dtype)[:, None]
     depth = np.full(len(x), np.inf, x.dtype)
@@ -133,7 +133,7 @@ def _cast(
 def _photograph(
     surfaces: Sequence[RenderedSurface], lights: Sequence[NDArray[np.float32]], camera: _Camera, width: int, height: int
 ) -> NDArray[np.float32]:
-    """(height, width, 3) RGB, 0..255, the mean of 2 x 2 rays a pixel."""
+    """(height, width, 3) RGB, 0..255: the mean of 2 x 2 rays a pixel."""
     x, y = _grid(width, height, 2, np.float32)
     depth, index = _cast(surfaces, camera, x, y)
     points = camera.position.astype(np.float32)[:, None] + depth * camera.rays(x, y)
@@ -148,7 +148,7 @@ def _photograph(
     return np.asarray(colors.reshape(height, 2, width, 2, 3).mean(axis=(1, 3)), np.float32)
 
 
-def _sample(texture: NDArray[Any], u: NDArray[Any], v: NDArray[Any]) -> NDArray[np.float32]:
+def _sample(texture: Texture | NDArray[np.float32], u: Values, v: Values) -> NDArray[np.float32]:
     """(n, 3) bilinear values of a texture whose outer corners are u, v = 0 and 1."""
     h, w = texture.shape[:2]
     out = np.empty((len(u), 3), np.float32)
@@ -160,10 +160,10 @@ def _sample(texture: NDArray[Any], u: NDArray[Any], v: NDArray[Any]) -> NDArray[
 
 
 def _light(surfaces: Sequence[RenderedSurface], rng: np.random.Generator) -> list[NDArray[np.float32]]:
-    """For each surface an (h, w, 3) map of the light that falls on it, 1 where it shows the texture's own colour.
+    """For each surface, an (h, w, 3) map of the light that falls on it; 1 shows the texture in its own colour.
 
-    A window in front of the scene on the left gives soft shadows; light from the upper hemisphere that things near by
-    take away darkens corners and contacts.
+    A window, in front of the scene on the left, casts soft shadows. Light also comes from the upper hemisphere. Objects
+    near by block it, which darkens corners and the places where objects touch.
     """
     points, normals, shapes = [], [], []
     for surface in surfaces:
@@ -184,7 +184,7 @@ def _light(surfaces: Sequence[RenderedSurface], rng: np.random.Generator) -> lis
             ray = direction.astype(np.float32)
             facing = ray @ normal
             if reach < np.inf:
-                facing = 0.5 + 0.5 * facing  # light from everywhere reaches slopes that turn away
+                facing = 0.5 + 0.5 * facing  # light from a hemisphere also reaches surfaces that face away
             free = _free(surfaces, start, ray, reach, facing > 0)
             light += (facing * free)[:, None] * color.astype(np.float32) / len(directions)
     parts = np.split(light, np.cumsum([h * w for h, w in shapes])[:-1])
@@ -198,7 +198,7 @@ def _free(
     reach: float,
     wanted: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """(n,) which of the `wanted` points see no surface within `reach` m in the direction `ray`."""
+    """(n,) which of the `wanted` points have no surface within `reach` m in the direction `ray`."""
     free = wanted.copy()
     passed = ray @ start
     for surface in surfaces:

@@ -1,8 +1,7 @@
-"""How many polygon matches of a rectified pair are right, counted on its dense disparity."""
+"""Scores the polygon matches of a rectified pair against its dense disparity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from zpm2.model import Polygon, PolygonMatch
 
 @dataclass(frozen=True)
 class DisparityScore:
-    """Counts over the matches that can be judged, and the area that the good ones explain."""
+    """How many of the matches that can be judged are good, and the area that these cover."""
 
     good: int  # matches whose polygons overlap by at least the IoU asked for
     scored: int  # matches with enough co-visible pixels
@@ -26,10 +25,10 @@ def score_on_disparity(
     left_polygons: Sequence[Polygon],
     right_polygons: Sequence[Polygon],
     matches: Sequence[PolygonMatch],
-    disparity: NDArray[np.floating[Any]],
+    disparity: NDArray[np.floating],
     iou: float = 0.5,
 ) -> DisparityScore:
-    """Judges each match by the IoU of its two polygons over the pixels that both images see.
+    """Score each match by the IoU of its two polygons, over the pixels that both images see.
 
     disparity: (h, w) px of the left image, x_right = x_left - d, not finite where unknown; the right image has the same
     size. `evaluate.ground_truth` defines what both images see and which matches can be judged. `InputError` where a

@@ -1,4 +1,4 @@
-"""The objects of the scene: a corner of a room with more than a dozen of them, different for each seed."""
+"""The scene: a corner of a room with more than a dozen objects, different for each seed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ def _blocks(rng: np.random.Generator) -> list[RenderedSurface]:
 
 
 def _vessels(rng: np.random.Generator) -> list[RenderedSurface]:
-    """Things turned on a lathe: tins, a flower pot with its plant, a marble column, a lamp."""
+    """Round objects: tins, a flower pot with its plant, a marble column, a lamp."""
     red, blue = _near(rng, (190, 44, 40), 22), _near(rng, (44, 84, 156), 22)
     tin = label(rng, 130, 500, red, (244, 236, 214), (40, 30, 30), "TOMATO")
     tea = label(rng, 150, 420, blue, (236, 206, 120), (28, 34, 60), "TEA")

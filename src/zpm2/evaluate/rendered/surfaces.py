@@ -1,4 +1,4 @@
-"""The surfaces of the scene, rectangles, spheres and frusta, and where rays meet them.
+"""The surfaces of the scene (rectangles, spheres, frusta), and where rays hit them.
 
 Points and directions are (3, n) arrays in room coordinates, metres (x right, y up, z away from the cameras); u and v
 run from 0 to 1 over a surface's texture, along its columns and down its rows.
@@ -6,14 +6,15 @@ run from 0 to 1 over a surface's texture, along its columns and down its rows.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.evaluate.rendered.textures import Texture
 
-Points = NDArray[Any]  # (3, n) float32 or float64
+Points = NDArray[np.floating]  # (3, n) float32 or float64
+Values = NDArray[np.floating]  # (n,) likewise
 
 
 class RenderedSurface(Protocol):
@@ -22,23 +23,23 @@ class RenderedSurface(Protocol):
     @property
     def texture(self) -> Texture: ...
 
-    def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
-        """(n,) smallest t > 0 at which origin + t ray lies on the surface, infinity where there is none."""
+    def hit(self, origin: Points, ray: Points) -> Values:
+        """(n,) smallest t > 0 for which origin + t ray lies on the surface; infinity if there is none."""
 
-    def locate(self, points: Points) -> tuple[NDArray[Any], NDArray[Any]]:
+    def locate(self, points: Points) -> tuple[Values, Values]:
         """(n,) u and v of points on the surface."""
 
-    def place(self, u: NDArray[Any], v: NDArray[Any]) -> tuple[Points, Points]:
+    def place(self, u: Values, v: Values) -> tuple[Points, Points]:
         """The points at u and v, and the unit normals there."""
 
     def corners(self) -> Points:
-        """(3, 8) corners of a box that holds the surface."""
+        """(3, 8) corners of a box that contains the surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rectangle:
-    """A rectangle spanned by two perpendicular edges, or the ellipse in it; only the side to which `normal` points is
-    seen and takes away light."""
+    """A rectangle spanned by two perpendicular edges, or the ellipse in it. It is visible and blocks light only from
+    the side to which `normal` points."""
 
     corner: NDArray[np.float64]  # (3,) m, u = v = 0
     right: NDArray[np.float64]  # (3,) m, along u
@@ -51,7 +52,7 @@ class Rectangle:
         n = np.cross(self.right, self.down)
         return np.asarray(n / np.linalg.norm(n))
 
-    def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
+    def hit(self, origin: Points, ray: Points) -> Values:
         normal = self.normal.astype(ray.dtype)
         against = normal @ ray
         if against.min(initial=0) >= 0:
@@ -65,12 +66,12 @@ class Rectangle:
                 inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
         return np.where(inside & (t > 1e-6) & (against < 0), t, np.inf)
 
-    def locate(self, points: Points) -> tuple[NDArray[Any], NDArray[Any]]:
+    def locate(self, points: Points) -> tuple[Values, Values]:
         along, across = ((e / (e @ e)).astype(points.dtype) for e in (self.right, self.down))
         corner = self.corner.astype(points.dtype)
         return along @ points - along @ corner, across @ points - across @ corner
 
-    def place(self, u: NDArray[Any], v: NDArray[Any]) -> tuple[Points, Points]:
+    def place(self, u: Values, v: Values) -> tuple[Points, Points]:
         points = self.corner[:, None] + self.right[:, None] * u + self.down[:, None] * v
         return points, np.repeat(self.normal[:, None], len(u), axis=1)
 
@@ -93,7 +94,7 @@ class Sphere:
         side /= np.linalg.norm(side)
         return np.stack([side, np.cross(side, self.axis), self.axis])
 
-    def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
+    def hit(self, origin: Points, ray: Points) -> Values:
         offset = origin - self.center.astype(ray.dtype)[:, None]
         a, b, c = (ray * ray).sum(0), (ray * offset).sum(0), (offset * offset).sum(0) - self.radius**2
         inside = b * b - a * c
@@ -101,12 +102,12 @@ class Sphere:
         t = (-b - root) / a
         return np.where((inside >= 0) & (t > 1e-6), t, np.inf)
 
-    def locate(self, points: Points) -> tuple[NDArray[Any], NDArray[Any]]:
+    def locate(self, points: Points) -> tuple[Values, Values]:
         offset = points - self.center.astype(points.dtype)[:, None]
         x, back, up = self._frame().astype(points.dtype) @ (offset / self.radius)
         return np.arctan2(x, -back) / (2 * np.pi) + 0.5, np.arccos(np.clip(up, -1, 1)) / np.pi
 
-    def place(self, u: NDArray[Any], v: NDArray[Any]) -> tuple[Points, Points]:
+    def place(self, u: Values, v: Values) -> tuple[Points, Points]:
         turn, tilt = (u - 0.5) * 2 * np.pi, v * np.pi
         local = np.stack([np.sin(turn) * np.sin(tilt), -np.cos(turn) * np.sin(tilt), np.cos(tilt)])
         normals = self._frame().T @ local
@@ -127,7 +128,7 @@ class Frustum:
     upper: float  # m, radius of the upper rim
     texture: Texture
 
-    def hit(self, origin: Points, ray: Points) -> NDArray[Any]:
+    def hit(self, origin: Points, ray: Points) -> Values:
         slope = (self.upper - self.lower) / self.height
         x, y, z = origin - self.foot.astype(ray.dtype)[:, None]
         dx, dy, dz = ray
@@ -145,11 +146,11 @@ class Frustum:
                 best = np.where(ok, t, best)
         return best
 
-    def locate(self, points: Points) -> tuple[NDArray[Any], NDArray[Any]]:
+    def locate(self, points: Points) -> tuple[Values, Values]:
         x, y, z = points - self.foot.astype(points.dtype)[:, None]
         return np.arctan2(x, -z) / (2 * np.pi) + 0.5, 1 - y / self.height
 
-    def place(self, u: NDArray[Any], v: NDArray[Any]) -> tuple[Points, Points]:
+    def place(self, u: Values, v: Values) -> tuple[Points, Points]:
         turn = (u - 0.5) * 2 * np.pi
         radius = self.upper + (self.lower - self.upper) * v
         out = np.stack([np.sin(turn), np.full_like(u, (self.lower - self.upper) / self.height), -np.cos(turn)])
@@ -165,7 +166,7 @@ class Frustum:
 def box(
     foot: tuple[float, float, float], size: tuple[float, float, float], yaw: float, sides: Texture, top: Texture
 ) -> list[Rectangle]:
-    """The five visible faces of a box that stands on the centre `foot`, turned by `yaw` radians about the vertical.
+    """The five visible faces of a box whose base has the centre `foot`, turned by `yaw` radians about the vertical.
 
     size: width, height, depth, m.
     """

@@ -1,10 +1,9 @@
 """Textures: wood, stone, brick, marble, leaves, plaster and print, drawn from a random generator.
 
-Each function gives (h, w, 3) uint8 RGB; a texel is about 2 mm of the surface it is put on, whatever the image's size.
+Each function returns (h, w, 3) uint8 RGB. A texel covers about 2 mm of a surface, whatever the size of the photograph.
 """
 
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +15,8 @@ Color = tuple[float, float, float]  # RGB, 0..255
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, float], octaves: int = 4) -> Plane:
-    """(h, w) value noise with mean 0 and standard deviation 1: random grids of `cells` texels (rows, columns), each
-    octave half as coarse and half as strong as the one before, laid over each other."""
+    """(h, w) value noise with mean 0 and standard deviation 1: the sum of random grids. The cells of the first have
+    `cells` texels (rows, columns); each further octave is half as coarse and half as strong."""
     total = np.zeros(shape, np.float32)
     for octave in range(octaves):
         rows, columns = (max(2, min(n, int(np.ceil(n * 2**octave / c)) + 1)) for n, c in zip(shape, cells, strict=True))
@@ -26,16 +25,16 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, 
     return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), np.float32)
 
 
-def _mix(a: Color, b: Color, share: NDArray[np.floating[Any]]) -> Plane:
+def _mix(a: Color, b: Color, share: NDArray[np.floating]) -> Plane:
     first, second = np.array(a, np.float32), np.array(b, np.float32)
     return np.asarray(first + (second - first) * np.clip(share, 0, 1)[..., None], np.float32)
 
 
-def _bytes(colors: NDArray[np.floating[Any]]) -> Texture:
+def _bytes(colors: NDArray[np.floating]) -> Texture:
     return np.asarray(np.clip(np.rint(colors), 0, 255), np.uint8)
 
 
-def _grain(rng: np.random.Generator, colors: NDArray[Any], strength: float) -> Texture:
+def _grain(rng: np.random.Generator, colors: NDArray[np.floating] | Texture, strength: float) -> Texture:
     """`colors` with fine grain, the same in all channels."""
     return _bytes(colors + strength * noise(rng, colors.shape[:2], (4, 4), 2)[..., None])
 
@@ -86,7 +85,7 @@ def brick(rng: np.random.Generator, h: int, w: int, color: Color, mortar: Color,
 
 
 def leaves(rng: np.random.Generator, h: int, w: int) -> Texture:
-    """Leaf over leaf, the later ones lighter."""
+    """Leaves over leaves; those on top are lighter."""
     out = np.full((h, w, 3), (22, 44, 20), np.uint8)
     count = h * w // 130
     for k in range(count):
@@ -133,7 +132,7 @@ def stripes(rng: np.random.Generator, h: int, w: int, colors: tuple[Color, ...],
 
 
 def label(rng: np.random.Generator, h: int, w: int, ground: Color, band: Color, ink: Color, word: str) -> Texture:
-    """Print on a tin or a box: a band with a word, again and again around it, and lines of small print."""
+    """Print on a tin or a box: a band with a word that repeats around it, and lines of small print."""
     out = np.empty((h, w, 3), np.uint8)
     out[:] = ground
     out[h // 4 : h * 2 // 3] = band
