@@ -8,6 +8,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from zpm2.config import StretchConfig
 from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.formats import read_image
 from zpm2.photos import raster
@@ -145,11 +146,11 @@ def test_brightness_is_read_as_it_is(tmp_path):
         assert "brightness" in image.notes[0]
 
 
-def test_the_range_comes_from_a_reduced_look(tmp_path, monkeypatch):
-    monkeypatch.setattr(raster, "PREVIEW_PX", 300)
+def test_the_range_comes_from_a_reduced_look(tmp_path):
+    stretch = StretchConfig(sample_px=300)
     path = write(tmp_path / "a.tif", DEEP)
     assert "stretched" in read(path).notes[0]
-    with open_raster(path) as opened:
+    with open_raster(path, stretch=stretch) as opened:
         assert len(np.unique(opened.read().rgb)) > 100
 
 

@@ -37,6 +37,12 @@ class CloudConfig:
         1.5, "diffusion=surface: of the discs taken away where a boundary runs across an edge", unit="steps"
     )
     cut_rounds: int = number(4, "diffusion=surface: such discs are taken away, at most", unit="times", high=1000)
+    cut_simplify: float = number(
+        0.25, "diffusion=surface: tolerance by which an outline is simplified after a cut", unit="steps"
+    )
+    cut_neighborhood: float = number(
+        4.0, "diffusion=surface: from a cut, within which thin pieces go", unit="cut_width"
+    )
     min_part_hole: float = share(0.02, "diffusion=surface: of the area; smaller holes of the part are closed")
     max_missed: float = share(0.05, "samples of a boundary that may fall through the surface")
     max_path: float = number(

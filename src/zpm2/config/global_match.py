@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.robust import MagsacConfig
 
 
 @dataclass(frozen=True)
@@ -46,4 +47,5 @@ class GlobalConfig:
     tau: int = number(25, "half of the initial search window W_tau, hence 50 x 50", unit="px", low=1, high=200)
     band: float = number(3.0, "distance to the epipolar line (epsilon of 3.3.2)", unit="px of the pyramid level")
     min_contrast: float = number(2.0, "standard deviation under which a template has no texture", unit="grey levels")
+    magsac: MagsacConfig = field(default_factory=MagsacConfig)
     chance: ChanceConfig = field(default_factory=ChanceConfig)

@@ -68,6 +68,7 @@ class OutlineConfig:
     direction: float = number(4.0, "cost of a pair where the outlines are at right angles", unit="px")
     chord: int = number(2, "samples ahead and behind, between which an outline's direction is taken", low=1, high=100)
     start_window: int = number(5, "pairs ahead and behind that must fit where an alignment starts", high=100)
+    restart_margin: float = share(0.25, "of an alignment at either end, where the next one must not start", high=0.4)
     max_starts: int = number(3, "alignments that are tried", low=1, high=100)
 
 
@@ -92,6 +93,12 @@ class LocalConfig:
     min_overlap: float = share(0.3, "IoU of the rectified polygon with its candidate under which they cannot match")
     nearest_points: int = number(8, "that move a polygon without points of its own", low=1, high=10_000)
     nearest_matches: int = number(5, "matched polygons that move an unmatched one", low=1, high=10_000)
+    second_window: float = number(
+        1.0, "side of the window in which the second round searches", unit="shorter sides of the polygon"
+    )
+    max_halvings: int = number(
+        6, "of an image before a patch of a large polygon is sampled, so that it does not alias", high=30
+    )
     homography: HomographyConfig = field(default_factory=HomographyConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     unmatched: UnmatchedConfig = field(default_factory=UnmatchedConfig)

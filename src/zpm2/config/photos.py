@@ -26,6 +26,14 @@ class StretchConfig:
 
     low_percentile: float = number(0.5, "of the values; it becomes 0", unit="%", high=100, source="chosen")
     high_percentile: float = number(99.5, "of the values; it becomes 255", unit="%", high=100, source="chosen")
+    sample_px: int = number(
+        4_000_000,
+        "of a photograph that are looked at for its range of brightness, about",
+        unit="px",
+        low=1,
+        source="measured: the percentiles of 100 million px to a grey level, in 0.1 s instead of 6",
+    )
+    min_range: float = share(0.25, "of the full range; a photograph that uses less is stretched")
     fill_share: float = share(0.05, "of the pixels that have one value, from which on it is no data", source="chosen")
     fill_border_share: float = share(0.5, "the same, of the pixels along the border", source="chosen")
     picture_share: float = share(0.99, "of one value, from which on it is the picture itself", source="chosen")
@@ -70,7 +78,11 @@ class RasterConfig:
 class PartnerConfig:
     """Which window of the right photograph shows what a left tile shows."""
 
-    neighbors: int = number(8, "of a point; it is kept if half of them move with it", low=2, high=1000)
+    neighbors: int = number(8, "of a point; it is kept if enough of them move with it", low=2, high=1000)
+    min_coherent: float = share(0.5, "of these neighbours, from which on they are enough")
+    max_apart: float = number(
+        2.0, "of neighbours on the right, up to which they move with a point", unit="times their scaled left distance"
+    )
     max_spread: float = number(
         2.0, "of the distances of neighbours, in the scale that the extents of all points lead to", low=1
     )
@@ -81,6 +93,10 @@ class PartnerConfig:
     max_scale: float = number(8.0, "right px per left px, or the reverse, of a map that is believed", low=1)
     same_scale: float = number(1.1, "right px per left px up to which both tiles have the same scale", low=1)
     min_shared: float = share(0.02, "of a mapped window that must lie in the right photograph")
+    outliers: float = share(
+        0.02, "of the right partners of a window's points at each end, that do not widen it", high=0.4
+    )
+    max_relief: float = number(0.25, "by which they widen the mapped window on each side at most", unit="of its side")
     georeference_margin: float = number(0.5, "around a window that only georeferences place", unit="of its side")
     max_first_share: float = share(
         0.25, "of the right photograph, up to which the first tile is compared with that part alone"
@@ -101,6 +117,7 @@ class CellsConfig:
         0.02, "threshold of the affine map, where no homography holds, of the extent of the points"
     )
     neighbors: int = number(8, "of a point, whose motion predicts its own", low=1, high=1000)
+    predicted: float = share(0.9, "of the points, that lie within the uncertainty of their predicted places")
 
 
 @dataclass(frozen=True)
@@ -145,6 +162,9 @@ class TilesConfig:
     min_tiles: float = number(1.25, "along the photograph's longer side; a level with fewer is left out", low=1)
     outside: bool = option(True, "also segment what only one of the photographs shows")
     min_unseen: float = share(0.25, "of a right tile that no left tile led to, from which it is segmented alone")
+    cover_cells: int = number(
+        32, "along each side of a tile, by which the share that others cover is counted", low=1, high=1000
+    )
     min_data: float = share(0.01, "of a tile that must show something")
     min_turn: float = number(
         20.0, "smaller turns between the photographs are left to the point matcher", unit="degrees", high=180

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.robust import MagsacConfig
 from zpm2.errors import ConfigError
 
 RETRY = "measured, docs/points.md"
@@ -45,6 +46,7 @@ class RotatedRetryConfig:
         3.0, "threshold of the epipolar geometry; more where images were reduced to max_size", unit="px", above=True
     )
     merge_px: float = number(2.0, "matches of two searches that are closer in both images are one", unit="px")
+    magsac: MagsacConfig = field(default_factory=MagsacConfig)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.robust import MagsacConfig
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,10 @@ class DegeneracyConfig:
     min_inliers: int = number(20, "below, a pose may be chance")
     min_inlier_share: float = share(0.15, "the same, of the points")
     min_regions: int = number(3, "matched regions that the inliers must lie in")
+    rotation_rounds: int = number(20, "of reweighting, by which the turn is found", low=1, high=1000)
+    rival_distance: float = number(
+        2.0, "from a pose, beyond which points may belong to another one", unit="times pose.inlier"
+    )
     rival: float = number(0.5, "points of another pose, times the inliers, that make a pose ambiguous")
     max_direction_sigma: float = number(
         15.0, "of the direction of translation; beyond, it is not known", unit="degrees", high=180.0
@@ -44,6 +49,14 @@ class PoseConfig:
     noise_px: float = number(
         1.0, "threshold of the estimator; more where images were reduced to points.max_size", unit="px", above=True
     )
+    min_points: int = number(
+        8, "homologous points, and inliers, of a pose", low=6, source="any five fit one exactly; three more must agree"
+    )
+    magsac: MagsacConfig = field(default_factory=MagsacConfig)
+    poselib_min_iterations: int = number(1000, "samples of LO-RANSAC at least", high=1_000_000, source="PoseLib's own")
+    poselib_max_iterations: int = number(
+        20_000, "samples of LO-RANSAC at most", low=1, high=1_000_000, source="PoseLib: 100,000"
+    )
     points: Literal["regions", "all"] = option(
         "regions", "of the whole images: those in matched regions (M1 filtered), or all"
     )
@@ -58,6 +71,9 @@ class PoseConfig:
     crop_min_zoom: float = number(1.2, "rectified crops: times the scale at which the whole image was searched")
     crop_min_box: float = number(12.0, "shorter side of a box that is worth a crop", unit="px")
     crop_max_iou: float = share(0.7, "rectified crops: of left boxes; beyond, one crop shows the other's polygon too")
+    crop_sharpness: float = number(
+        0.25, "of a level of an image's pyramid, by which a crop is read from the next smaller one too early", high=1.0
+    )
     crop_max_stretch: float = number(
         16.0, "rectified crops: ratio of the areas of a px in two corners, beyond which a map shows no surface"
     )
@@ -71,6 +87,9 @@ class PoseConfig:
     min_region_agreement: float = share(0.3, "points of a region that must agree with the pose")
     refine_reach: float = number(
         5.0, "Sampson distance of points that take part in the refinement", unit="noise_px", above=True
+    )
+    refine_rounds: int = number(
+        2, "refinements: each on the points near the pose that the one before found", low=1, high=100
     )
     refine_steps: int = number(30, "Newton steps of the refinement, at most", low=1, high=10_000)
     jackknife_blocks: int = number(

@@ -25,6 +25,7 @@ class ReconstructConfig:
     depth_agreement: float = share(0.01, "of the depth, by which maps of different neighbours that agree may differ")
     min_agreeing: int = number(2, "maps that agree on a depth, where there are three or more", low=1, high=1000)
     normal_smoothing: float = number(2.0, "standard deviation of the mean of normals", unit="px", above=True)
+    min_normal: float = share(0.1, "length of a mean of unit normals, below which they point anywhere")
     fusion_views: int = number(
         3, "views that agree on a point of the fused cloud; all, where there are fewer", low=1, high=1000
     )

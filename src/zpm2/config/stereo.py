@@ -19,6 +19,10 @@ class StereoConfig:
     min_ray_depth: float = share(
         0.1, "depth in the rectified frame of a ray of unit depth at the border of a posed view; else not rectified"
     )
+    pair_border: int = number(
+        20, "points along each side of an image that tell how far a pair reaches", low=2, high=10_000
+    )
+    view_border: int = number(9, "the same of a posed view", low=2, high=10_000)
     window: int = number(5, "side of the blocks of SGBM", unit="px", low=1, high=21, odd=True)
     small_step: int = number(
         8, "P1 per window px, the price of a change of disparity by one", source="OpenCV's documentation of SGBM"
