@@ -1,12 +1,9 @@
 """Photographs that are large, georeferenced, or of many bands."""
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from zpm2.config.fields import number, option, share
-from zpm2.config.parse import overlay
 from zpm2.errors import ConfigError
 
 
@@ -93,15 +90,6 @@ class RasterConfig:
     )
 
     stretch: StretchConfig = field(default_factory=StretchConfig)
-
-    @staticmethod
-    def of_result(config: Mapping[str, Any]) -> "RasterConfig":
-        """How the photographs of a saved result were read, by its configuration; the defaults where it lacks this."""
-        stored = config.get("raster")
-        values = stored if isinstance(stored, Mapping) else {}
-        names = {item.name for item in dataclasses.fields(RasterConfig)} & values.keys()
-        made: RasterConfig = overlay(RasterConfig(), {name: values[name] for name in names})
-        return made
 
 
 @dataclass(frozen=True)

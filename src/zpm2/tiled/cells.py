@@ -14,9 +14,9 @@ from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
+from zpm2.tiled.predict import MIN_DETERMINANT
 
 Array = NDArray[np.float64]
-MIN_DETERMINANT = 1e-6  # of an affine map, below which it collapses the plane
 
 
 @dataclass(frozen=True, eq=False)
