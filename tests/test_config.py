@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.config import PRESETS, Config, SegmentConfig, assign, describe, load, preset, recorded
+from zpm2.config import PRESETS, Config, RasterConfig, SegmentConfig, assign, describe, load, preset, recorded
+from zpm2.config.fields import rule_of
+from zpm2.config.whole import _fields
 from zpm2.errors import ConfigError
 
 
@@ -243,3 +245,14 @@ def test_the_configuration_that_a_result_holds():
         Config().local_match.gamma,
     )
     assert recorded({}) == Config()
+
+
+def test_no_source_is_an_empty_word():
+    sources = [rule_of(item).source for _, item, _ in _fields(Config())]
+    assert not {"chosen", "default", "ours", "the same", "empirical"} & set(sources)
+
+
+def test_photographs_of_a_result_of_another_version_are_read_as_far_as_its_configuration_says():
+    stored = {"raster": {"bands": [4, 3, 2], "gsd": "unknown", "sharpen": 2, "stretch": {"fill_share": 7}}}
+    assert recorded(stored).raster == RasterConfig(bands=(4, 3, 2))
+    assert recorded({"raster": "none"}).raster == RasterConfig()

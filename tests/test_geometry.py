@@ -5,6 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from zpm2 import geometry
+from zpm2.config import MagsacConfig
 from zpm2.errors import Failed
 from zpm2.polygons.repair import largest, polygons_in, repaired
 
@@ -84,6 +85,21 @@ def test_wrong_points_are_found_out(seed):
     _, inliers = geometry.fundamental_matrix(left, right, 1.0)
     assert inliers[:60].mean() > 0.9
     assert inliers[60:].mean() < 0.2
+
+
+def test_the_search_for_a_model_is_configured():
+    left, right, _ = scene(2, 100)
+    right[40:] = np.random.default_rng(0).uniform(0, 500, (60, 2))
+    found = geometry.fundamental_matrix(left, right, 1.0)
+    assert not isinstance(found, Failed)
+    assert found[1][:40].mean() > 0.9
+    short = geometry.fundamental_matrix(left, right, 1.0, config=MagsacConfig(max_iterations=1))
+    assert isinstance(short, Failed) or short[1][:40].mean() < 0.9
+    many = MagsacConfig(min_fundamental=101, min_homography=102)
+    for estimate, count in ((geometry.fundamental_matrix, 101), (geometry.homography, 102)):
+        refused = estimate(left, right, 1.0, config=many)
+        assert isinstance(refused, Failed)
+        assert f"needs {count} homologous points, there are 100" in refused.reason
 
 
 def test_noise_moves_the_estimate_a_little():

@@ -19,6 +19,8 @@ from rendered import photograph
 from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.model import ImagePolygons, PointMatches
+from zpm2.photos import reopen
+from zpm2.photos.source import open_source
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
 
@@ -119,6 +121,16 @@ def test_geojson_of_both_sides(result: MatchResult) -> None:
     assert {f["id"]: f["properties"]["match"] for f in collections["right"]["features"]} == {0: 9, 1: 3}
     assert collections["right"]["image"] == {"name": result.right.path, "width": 90, "height": 70}
     assert build(None).to_geojson()["left"]["image"]["name"] == "left"
+
+
+def test_saving_reads_each_photograph_once(
+    result: MatchResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = MatchResult.load(result.save(tmp_path / "out"))
+    opened: list[str] = []
+    monkeypatch.setattr(reopen, "open_source", lambda path, *more: opened.append(path) or open_source(path, *more))
+    loaded.save(tmp_path / "again")
+    assert sorted(opened) == [str(tmp_path / "left.png"), str(tmp_path / "right.png")]
 
 
 def test_plot_from_the_photographs_of_a_loaded_result(result: MatchResult, tmp_path: Path) -> None:

@@ -10,10 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.config import MagsacConfig
 from zpm2.errors import Failed
 
 Array = NDArray[np.float64]
 HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0
+DEFAULTS = MagsacConfig()
 
 
 def homogeneous(points: Array) -> Array:
@@ -106,20 +108,20 @@ def sampson_table(fundamental: Array, left: Array, right: Array) -> Array:
 
 
 def fundamental_matrix(
-    left: Array, right: Array, threshold: float, seed: int = 0
+    left: Array, right: Array, threshold: float, seed: int = 0, config: MagsacConfig = DEFAULTS
 ) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """F (3 x 3, norm 1) by MAGSAC++ (OpenCV's USAC) and its (n,) inliers, or why there is none.
 
-    `threshold` in px. Needs 8 points: any seven fit some F exactly.
+    `threshold` in px.
     """
-    if len(left) < 8:
-        return Failed(f"a fundamental matrix needs 8 homologous points, there are {len(left)}")
-    matrix, mask = _usac(cv2.findFundamentalMat, left, right, threshold, seed)
+    if len(left) < config.min_fundamental:
+        return Failed(f"a fundamental matrix needs {config.min_fundamental} homologous points, there are {len(left)}")
+    matrix, mask = _usac(cv2.findFundamentalMat, left, right, threshold, seed, config)
     if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no fundamental matrix fits the homologous points")
     matrix = matrix[:3]  # OpenCV may return several solutions, stacked, the best one first
     inliers = epipolar_inliers(matrix, left, right, threshold) if mask is None else mask.ravel().astype(bool)
-    if inliers.sum() < 8:
+    if inliers.sum() < config.min_fundamental:
         return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a fundamental matrix")
     return matrix / np.linalg.norm(matrix), inliers
 
@@ -129,21 +131,23 @@ def epipolar_inliers(fundamental: Array, left: Array, right: Array, threshold: f
     return sampson_distance(fundamental, left, right) <= threshold
 
 
-def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tuple[Array, NDArray[np.bool_]] | Failed:
+def homography(
+    left: Array, right: Array, threshold: float, seed: int = 0, config: MagsacConfig = DEFAULTS
+) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """H (3 x 3, H[2, 2] = 1) by MAGSAC++ and its (n,) inliers, or why there is none. `threshold` in px."""
-    if len(left) < 6:
-        return Failed(f"a homography needs 6 homologous points, there are {len(left)}")
-    matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed)
+    if len(left) < config.min_homography:
+        return Failed(f"a homography needs {config.min_homography} homologous points, there are {len(left)}")
+    matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed, config)
     if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9 or not matrix[2, 2]:
         return Failed("no homography fits the homologous points")
     inliers = mask.ravel().astype(bool)
-    if inliers.sum() < 6:
+    if inliers.sum() < config.min_homography:
         return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a homography")
     return matrix / matrix[2, 2], inliers
 
 
 def essential_matrix(
-    left: Array, right: Array, threshold: float, seed: int = 0
+    left: Array, right: Array, threshold: float, seed: int = 0, config: MagsacConfig = DEFAULTS
 ) -> tuple[Array, NDArray[np.bool_]] | Failed:
     """E (3 x 3) and the (n,) inliers, or why there is none: r_right^T E r_left = 0.
 
@@ -152,7 +156,7 @@ def essential_matrix(
     """
     find: Any = cv2.findEssentialMat
     matrix, mask = _usac(
-        lambda a, b, params: find(a, b, np.eye(3), np.eye(3), None, None, params), left, right, threshold, seed
+        lambda a, b, params: find(a, b, np.eye(3), np.eye(3), None, None, params), left, right, threshold, seed, config
     )
     if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no essential matrix fits the homologous points")
@@ -191,21 +195,22 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
+def _usac(
+    estimate: Any, left: Array, right: Array, threshold: float, seed: int, config: MagsacConfig
+) -> tuple[Any, Any]:
     """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
-    # confidence, iterations and samples are above OpenCV's defaults: pairs have many wrong points
     params = cv2.UsacParams()
     params.score = cv2.SCORE_METHOD_MAGSAC
     params.sampler = cv2.SAMPLING_UNIFORM
     params.loMethod = cv2.LOCAL_OPTIM_SIGMA
     params.final_polisher = cv2.MAGSAC
-    params.final_polisher_iterations = 3
-    params.loIterations = 10
-    params.loSampleSize = 50
+    params.final_polisher_iterations = config.polish_iterations
+    params.loIterations = config.local_iterations
+    params.loSampleSize = config.local_samples
     params.neighborsSearch = cv2.NEIGH_GRID
     params.isParallel = False
-    params.confidence = 0.9999
-    params.maxIterations = 10000
+    params.confidence = config.confidence
+    params.maxIterations = config.max_iterations
     params.threshold = threshold
     params.randomGeneratorState = seed
     try:

@@ -182,7 +182,7 @@ class MatchResult:
 
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
-        return RasterConfig.of_result(self.config)
+        return recorded(self.config).raster
 
 
 def read_result(path: str | Path) -> tuple[MatchResult, dict[str, Any]]:

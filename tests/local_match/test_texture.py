@@ -12,6 +12,7 @@ from zpm2.model import Image
 
 SIZE = 24
 MIN_CONTRAST = LocalConfig().min_contrast
+HALVINGS = LocalConfig().max_halvings
 SIDE = 300
 IDENTITY = np.eye(3)[None]
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
@@ -35,8 +36,8 @@ def shapes(*rings):
 
 def r(first, second, left=None, right=None, to_left=IDENTITY):
     frame = shapes(star(np.random.default_rng(1), 9, (150, 140), 50)) if left is None else left
-    a = TexturePatches(image(first), frame, to_left, SIZE)
-    b = TexturePatches(image(second), frame if right is None else right, IDENTITY, SIZE)
+    a = TexturePatches(image(first), frame, to_left, SIZE, HALVINGS)
+    b = TexturePatches(image(second), frame if right is None else right, IDENTITY, SIZE, HALVINGS)
     return correlation((a, b), Candidates(np.zeros(1, np.int64), np.zeros(1, np.int64)), MIN_CONTRAST)[0]
 
 
@@ -94,17 +95,17 @@ def test_a_rotated_pair_is_seen_through_the_rectified_frame(degrees):
 
 def test_large_polygons_are_sampled_without_aliasing():
     stripes = np.broadcast_to(128 + 100.0 * (np.arange(SIDE) % 2), (SIDE, SIDE))
-    patches = TexturePatches(image(stripes), shapes(square(20, 20, 280, 280)), IDENTITY, SIZE)
+    patches = TexturePatches(image(stripes), shapes(square(20, 20, 280, 280)), IDENTITY, SIZE, HALVINGS)
     assert patches.values[0].std() < 12
 
 
 def test_nothing_of_an_empty_or_outside_frame_is_seen():
     frames = np.array([shapely.Polygon(), shapely.box(400, 400, 450, 450), shapely.box(-50, 100, 50, 200)])
-    patches = TexturePatches(image(grain()), frames, np.repeat(IDENTITY, 3, axis=0), SIZE)
+    patches = TexturePatches(image(grain()), frames, np.repeat(IDENTITY, 3, axis=0), SIZE, HALVINGS)
     assert patches.inside.sum(1).tolist() == [0, 0, SIZE**2 / 2]
     pairs = Candidates(np.array([0, 1]), np.array([0, 1]))
     assert correlation((patches, patches), pairs, MIN_CONTRAST).tolist() == [0, 0]
-    none = TexturePatches(image(grain()), frames[:0], np.zeros((0, 3, 3)), SIZE)
+    none = TexturePatches(image(grain()), frames[:0], np.zeros((0, 3, 3)), SIZE, HALVINGS)
     assert none.values.shape == (0, SIZE**2)
     assert len(correlation((none, none), pairs[np.zeros(0, np.intp)], MIN_CONTRAST)) == 0
 
@@ -117,8 +118,8 @@ def test_parts_do_not_show(monkeypatch):
 
     def both():
         first, second = (
-            TexturePatches(image(grain()), frames, maps, SIZE),
-            TexturePatches(image(grain(1)), frames, maps, SIZE),
+            TexturePatches(image(grain()), frames, maps, SIZE, HALVINGS),
+            TexturePatches(image(grain(1)), frames, maps, SIZE, HALVINGS),
         )
         return first.values, correlation((first, second), Candidates(i, j), MIN_CONTRAST)
 

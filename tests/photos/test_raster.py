@@ -8,6 +8,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from zpm2.config import StretchConfig
 from zpm2.errors import ConfigError, InputError, MissingDependency
 from zpm2.formats import read_image
 from zpm2.photos import raster
@@ -17,10 +18,11 @@ rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 from rasterio import shutil  # noqa: E402
 from rasterio.control import GroundControlPoint  # noqa: E402
-from rasterio.enums import ColorInterp, MaskFlags, Resampling  # noqa: E402
+from rasterio.enums import ColorInterp, MaskFlags  # noqa: E402
 from rasterio.rpc import RPC  # noqa: E402
 from rasterio.transform import Affine  # noqa: E402
 from rasterio.windows import Window  # noqa: E402
+from rasters import write  # noqa: E402
 
 RNG = np.random.default_rng(0)
 BLOCKS = RNG.integers(0, 256, (3, 15, 20), np.uint8)
@@ -29,28 +31,6 @@ DEEP = (RGB[:1].astype(np.uint16) + 300) * 7
 UTM = Affine(0.5, 0, 500_000, 0, -0.5, 5_300_000)
 SITE = 'LOCAL_CS["site",UNIT["metre",1]]'
 SATELLITE = Path(__file__).resolve().parents[3] / "shared" / "data" / "satellite" / "s2p" / "input_pair"
-
-
-def write(path, values, mask=None, colors=None, palette=None, rpcs=None, overviews=(), **options):
-    """(bands, h, w) values as a file."""
-    count, height, width = values.shape
-    options = {"driver": "GTiff", "width": width, "height": height, "count": count, "dtype": values.dtype, **options}
-    with (
-        rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True, GDAL_PAM_ENABLED=False),
-        rasterio.open(path, "w", **options) as file,
-    ):
-        if colors:
-            file.colorinterp = colors
-        if rpcs:
-            file.rpcs = rpcs
-        if palette:
-            file.write_colormap(1, palette)
-        file.write(values)
-        if mask is not None:
-            file.write_mask(mask)
-        if overviews:
-            file.build_overviews(overviews, Resampling.average)
-    return path
 
 
 def pixels(values):
@@ -145,11 +125,11 @@ def test_brightness_is_read_as_it_is(tmp_path):
         assert "brightness" in image.notes[0]
 
 
-def test_the_range_comes_from_a_reduced_look(tmp_path, monkeypatch):
-    monkeypatch.setattr(raster, "PREVIEW_PX", 300)
+def test_the_range_comes_from_a_reduced_look(tmp_path):
+    stretch = StretchConfig(sample_px=300)
     path = write(tmp_path / "a.tif", DEEP)
     assert "stretched" in read(path).notes[0]
-    with open_raster(path) as opened:
+    with open_raster(path, stretch=stretch) as opened:
         assert len(np.unique(opened.read().rgb)) > 100
 
 

@@ -18,28 +18,13 @@ rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 from rasterio import shutil  # noqa: E402
 from rasterio.enums import ColorInterp  # noqa: E402
+from rasters import write  # noqa: E402
 
 RNG = np.random.default_rng(0)
 SCENE = np.kron(RNG.integers(0, 200, (5, 12, 16)), np.ones((1, 6, 6))) + RNG.integers(0, 50, (5, 72, 96))
 GAP = np.zeros((72, 96), bool)
 GAP[:, :20] = True
 GAP[30:40, 50:60] = True
-
-
-def write(path, values, mask=None, colors=None, **options):
-    """(bands, h, w) values as a file."""
-    count, height, width = values.shape
-    options = {"driver": "GTiff", "width": width, "height": height, "count": count, "dtype": values.dtype, **options}
-    with (
-        rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True, GDAL_PAM_ENABLED=False),
-        rasterio.open(path, "w", **options) as file,
-    ):
-        if colors:
-            file.colorinterp = colors
-        file.write(values)
-        if mask is not None:
-            file.write_mask(mask)
-    return path
 
 
 def scene(dtype, bands):

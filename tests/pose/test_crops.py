@@ -31,7 +31,7 @@ def boxes(*corners: tuple[float, float, float, float]) -> PolygonArrays:
 def test_a_crop_shows_what_its_matrix_says(scale: float) -> None:
     image = ramp(250, 240)
     matrix = np.array([[scale, 0, 30], [0, scale, 20], [0, 0, 1]])
-    crop = crops.ImagePyramid(image).crop(matrix, SIDE).rgb.astype(float)
+    crop = crops.ImagePyramid(image, 0.25).crop(matrix, SIDE).rgb.astype(float)
     y, x = np.indices((SIDE, SIDE)) + 0.5
     expected = geometry.project(matrix, np.c_[x.ravel(), y.ravel()]).reshape(SIDE, SIDE, 2) - 0.5
     inner = (slice(4, -4), slice(4, -4))
@@ -59,7 +59,7 @@ def test_points_come_back_to_the_images() -> None:
     images = ramp(250, 200), ramp(250, 200)
     left, right = boxes((40, 40, 90, 80), (100, 100, 200, 160)), boxes((60, 50, 110, 90), (90, 100, 190, 160))
     echo = Echo()
-    found = crops.match(crops.boxes(left, right, CONFIG), images, echo, SIDE)
+    found = crops.match(crops.boxes(left, right, CONFIG), images, echo, CONFIG)
     assert len(echo.seen) == 2
     centers = np.array([[65, 60], [150, 130]]), np.array([[85, 70], [140, 130]])
     assert np.allclose(found.left[[1, 4]], centers[0])  # the middle of a crop is the middle of its box
@@ -85,7 +85,7 @@ def test_rectified_crops_look_alike() -> None:
     b = PolygonArrays([Polygon(0, corners)])
     chosen = crops.rectified(a, b, turn[None], np.ones(1), 0.1, dataclasses.replace(CONFIG, max_crops=5))
     echo = Echo()
-    found = crops.match(chosen, (left, right), echo, SIDE)
+    found = crops.match(chosen, (left, right), echo, CONFIG)
     one, other = (image.rgb.astype(float) for image in echo.seen[0])
     assert np.abs(one - other).mean() < 1.0
     assert np.allclose(geometry.project(turn, found.left), found.right)
@@ -105,7 +105,7 @@ def test_which_boxes_are_worth_a_crop() -> None:
 def test_nothing_matched() -> None:
     none = PolygonArrays([])
     chosen = crops.boxes(none, none, CONFIG)
-    assert len(crops.match(chosen, (ramp(50, 50), ramp(50, 50)), Echo(), SIDE)) == 0
+    assert len(crops.match(chosen, (ramp(50, 50), ramp(50, 50)), Echo(), CONFIG)) == 0
     assert (
         len(
             crops.rectified(
@@ -121,7 +121,7 @@ def test_there_are_no_points_where_there_is_no_data() -> None:
     valid = np.ones((240, 250), bool)
     valid[:, :65] = False
     chosen = crops.boxes(boxes((40, 40, 90, 80)), boxes((60, 50, 110, 90)), CONFIG)
-    everywhere = crops.match(chosen, (image, image), Echo(), SIDE)
-    found = crops.match(chosen, (Image(image.rgb, valid=valid), image), Echo(), SIDE)
+    everywhere = crops.match(chosen, (image, image), Echo(), CONFIG)
+    found = crops.match(chosen, (Image(image.rgb, valid=valid), image), Echo(), CONFIG)
     assert 0 < len(found) < len(everywhere)
     assert (found.left[:, 0] >= 65).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from views import angle, matched, rotation, views
 
+from zpm2.config import PoseConfig
 from zpm2.errors import ConfigError, Failed, MissingDependency
 from zpm2.pose.estimators import ESTIMATORS, PoseEstimator, open_estimator
 
@@ -69,6 +70,16 @@ def test_too_few_points(estimator: PoseEstimator, n: int) -> None:
     found = estimator.estimate(of.rays[0][:n], of.rays[1][:n], PX, 0)
     assert isinstance(found, Failed)
     assert f"there are {n}" in found.reason
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_how_many_points_it_needs_is_configured(name: str) -> None:
+    if name == "poselib":
+        pytest.importorskip("poselib")
+    of = views(0)
+    found = open_estimator(name, PoseConfig(min_points=10)).estimate(of.rays[0][:9], of.rays[1][:9], PX, 0)
+    assert isinstance(found, Failed)
+    assert "from 10 homologous points on, there are 9" in found.reason
 
 
 def test_chance_has_few_inliers(estimator: PoseEstimator) -> None:

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from zpm2.errors import InputError
-from zpm2.model import Image, Polygon, PolygonMatch
+from zpm2.model import Image, ImagePolygons, Polygon, PolygonMatch
 from zpm2.view import overlay, unmatched
 from zpm2.view.overlay import GAP, HEADER, OTHER_REASON, _layout, _places
 from zpm2.view.palette import COMPARE_ALL, distinct_colors
@@ -28,9 +28,14 @@ def _gray(width, height):
     return Image(np.full((height, width, 3), 120, np.uint8))
 
 
+def _side(image, polygons, size=None, unmatched=None):
+    width, height = size or (image.width, image.height)
+    return ImagePolygons(width, height, polygons, image=image, unmatched=unmatched or {})
+
+
 def _panels(left, right, left_polygons, right_polygons, matches):
     """Both panels of a side-by-side overlay of two 800 x 600 images, each at twice the size."""
-    picture = overlay(left, right, left_polygons, right_polygons, matches, max_width=3200 + GAP)
+    picture = overlay(_side(left, left_polygons), _side(right, right_polygons), matches, max_width=3200 + GAP)
     assert picture.shape == (HEADER + 1200, 3200 + GAP, 3)
     return picture[HEADER:, :1600].astype(int), picture[HEADER:, 1600 + GAP :].astype(int)
 
@@ -73,8 +78,8 @@ def test_the_same_input_gives_the_same_picture():
     image = Image(rng.integers(0, 256, (90, 160, 3), np.uint8))
     polygons = [_box(k, 10 * k, 5 * k, 10 * k + 30, 5 * k + 20) for k in range(10)]
     matches = [_match(k, 9 - k) for k in range(8)]
-    first = overlay(image, image, polygons, polygons, matches)
-    assert np.array_equal(first, overlay(image, image, polygons, polygons, matches))
+    first = overlay(_side(image, polygons), _side(image, polygons), matches)
+    assert np.array_equal(first, overlay(_side(image, polygons), _side(image, polygons), matches))
 
 
 @pytest.mark.parametrize(
@@ -134,27 +139,29 @@ def test_polygons_that_leave_the_image_and_empty_results():
     image = _gray(100, 100)
     away = [_box(0, 300, 300, 400, 400), _box(1, -50, -50, 20, 20), _box(2, 99.9, 99.9, 140, 140)]
     matches = [_match(k, k) for k in range(3)]
-    assert overlay(image, image, away, away, matches).shape[2] == 3
-    assert overlay(image, image, [], [], []).shape[2] == 3
+    assert overlay(_side(image, away), _side(image, away), matches).shape[2] == 3
+    assert overlay(_side(image, []), _side(image, []), []).shape[2] == 3
 
 
 def test_misuse_is_named():
     image = _gray(100, 100)
     box = _box(0, 10, 10, 50, 50)
     with pytest.raises(InputError, match="match 0 - 5"):
-        overlay(image, image, [box], [box], [_match(0, 5)])
+        overlay(_side(image, [box]), _side(image, [box]), [_match(0, 5)])
     with pytest.raises(InputError, match="two left polygons"):
-        overlay(image, image, [box, box], [box], [])
+        overlay(_side(image, [box, box]), _side(image, [box]), [])
+    for draw in (overlay, unmatched):
+        with pytest.raises(InputError, match="without its pixels"):
+            draw(_side(image, [box]), ImagePolygons(100, 100, [box]), [])
 
 
 def test_polygons_of_larger_photographs_are_scaled_to_their_reduced_versions():
     box, other = _box(7, 100, 200, 300, 350, hole=(150, 250, 200, 300)), _box(3, 400, 50, 500, 150)
     large = [_box(7, 400, 1000, 1200, 1750, hole=(600, 1250, 800, 1500))], [_box(3, 800, 150, 1000, 450)]
     image = Image(np.random.default_rng(3).integers(0, 256, (600, 800, 3), np.uint8))
-    expected = overlay(image, image, [box], [other], [_match(7, 3)])
-    sizes = (3200, 3000), (1600, 1800)
-    assert np.array_equal(overlay(image, image, *large, [_match(7, 3)], sizes=sizes), expected)
-    assert np.array_equal(overlay(image, image, [box], [other], [_match(7, 3)], sizes=((800, 600),) * 2), expected)
+    expected = overlay(_side(image, [box]), _side(image, [other]), [_match(7, 3)])
+    sides = [_side(image, p, size) for p, size in zip(large, ((3200, 3000), (1600, 1800)), strict=True)]
+    assert np.array_equal(overlay(*sides, [_match(7, 3)]), expected)
 
 
 def _crowd(size, step):
@@ -242,7 +249,7 @@ def test_a_match_carries_its_id(monkeypatch):
     module = importlib.import_module("zpm2.view.overlay")  # `zpm2.view.overlay` is the function
     monkeypatch.setattr(module, "write", lambda panel, labels: written.append(labels) or panel)
     left = [_box(4, 5, 5, 60, 60), _box(57, 70, 20, 140, 90)]
-    overlay(_gray(160, 120), _gray(160, 120), left, [_box(9, 60, 20, 130, 90)], [_match(57, 9)])
+    overlay(_side(_gray(160, 120), left), _side(_gray(160, 120), [_box(9, 60, 20, 130, 90)]), [_match(57, 9)])
     assert [{label.text for label in side} for side in written] == [{"left", "57"}, {"right", "57"}]
 
 
@@ -301,7 +308,8 @@ def test_unmatched_polygons_have_the_colour_of_their_reason(monkeypatch):
     left = [_box(k, 20 + 150 * k, 100, 120 + 150 * k, 300) for k in range(5)]
     right = [_box(7, 20, 100, 120, 300), _box(8, 200, 100, 300, 300)]
     why = {1: "rejected", 2: "rejected", 3: "occluded", 4: "of another kind"}, {8: "rejected"}
-    picture = unmatched(_gray(800, 600), _gray(800, 600), left, right, [_match(0, 7)], why, max_width=3200 + GAP)
+    sides = _side(_gray(800, 600), left, unmatched=why[0]), _side(_gray(800, 600), right, unmatched=why[1])
+    picture = unmatched(*sides, [_match(0, 7)], max_width=3200 + GAP)
     a, b = picture[HEADER:, :1600].astype(int), picture[HEADER:, 1600 + GAP :].astype(int)
     inside = [a[230, 2 * (40 + 150 * k)] for k in range(5)]
     assert np.array_equal(inside[1], inside[2])
@@ -321,5 +329,5 @@ def test_unmatched_polygons_have_the_colour_of_their_reason(monkeypatch):
 
 
 def test_a_polygon_without_a_reason_says_so():
-    picture = unmatched(_gray(100, 100), _gray(100, 100), [_box(1, 5, 5, 60, 60)], [], [], ({}, {}))
+    picture = unmatched(_side(_gray(100, 100), [_box(1, 5, 5, 60, 60)]), _side(_gray(100, 100), []), [])
     assert (picture[:HEADER] == OTHER_REASON).all(axis=2).any()

@@ -128,15 +128,15 @@ def cloud(
     config = configure(preset, config_file, settings, bands=bands, device=device, seed=seed, max_memory=max_memory)
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
     _refuse(stereo, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
-    if disparity_sign not in (1, -1):
-        raise ConfigError(f"--disparity-sign {disparity_sign}: give 1, or -1 where the file stores -d")
     if len(inputs) != (2 if stereo else 1):
         raise ConfigError("give one workspace, or two photographs with --stereo")
     from zpm2 import cloud as clouds
     from zpm2.cloud.export import require_laspy, write_surface
+    from zpm2.cloud.run import check_sign
     from zpm2.cloud.save import NAMES
     from zpm2.cloud.surface import require_trimesh
 
+    check_sign(disparity_sign, f"--disparity-sign {disparity_sign}")
     require_trimesh()
     if las:
         require_laspy()

@@ -24,8 +24,6 @@ from zpm2.config import CloudConfig
 from zpm2.polygons.repair import largest
 
 Array = NDArray[np.float64]
-# of the sample step: the outline after a cut is simplified by so much, and rounded this far from the cut
-CUT_TOLERANCE, CUT_NEIGHBOURHOOD = 0.25, 4.0
 
 
 def one_surface(
@@ -118,8 +116,8 @@ def _rounded(shape: shapely.Polygon, gone: shapely.Geometry, step: float, config
     width = step * config.cut_width
     left = shapely.difference(shape, gone)
     wide = shapely.buffer(shapely.buffer(left, -width), width)
-    beside = shapely.buffer(gone, CUT_NEIGHBOURHOOD * width)
+    beside = shapely.buffer(gone, config.cut_neighborhood * width)
     thin = shapely.intersection(shapely.difference(left, wide), beside)
-    part = largest(shapely.simplify(shapely.difference(left, thin), CUT_TOLERANCE * step))
+    part = largest(shapely.simplify(shapely.difference(left, thin), config.cut_simplify * step))
     holes = [hole for hole in part.interiors if shapely.Polygon(hole).area >= config.min_part_hole * shape.area]
     return shapely.Polygon(part.exterior, holes)

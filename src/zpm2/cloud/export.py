@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2.cloud.result import CloudPatch, PolygonCloud
 from zpm2.cloud.surface import SurfaceMesh, require_trimesh
-from zpm2.config import RasterConfig
+from zpm2.config import recorded
 from zpm2.errors import MissingDependency
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
@@ -107,7 +107,7 @@ def _points_ply(points: Array, rgb: Colors, patch: Indices) -> bytes:
 
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
     """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
-    generator, raster = np.random.default_rng(0), RasterConfig.of_result(cloud.config)  # the bands that were matched
+    generator, raster = np.random.default_rng(0), recorded(cloud.config).raster  # the bands that were matched
     parts: dict[int, list[CloudPatch]] = {}
     for polygon in cloud.patches:
         if polygon.parent is not None:

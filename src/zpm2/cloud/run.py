@@ -56,8 +56,13 @@ class DisparityFile:
     def __post_init__(self) -> None:
         if not 0 < self.scale < float("inf"):
             raise ConfigError(f"scale {self.scale} of {self.file}: give a number above 0")
-        if self.sign not in (1, -1):
-            raise ConfigError(f"sign {self.sign} of {self.file}: give 1, or -1 where the file stores -d")
+        check_sign(self.sign, f"sign {self.sign} of {self.file}")
+
+
+def check_sign(sign: int, what: str) -> None:
+    """`ConfigError` where disparities of that `sign` cannot be."""
+    if sign not in (1, -1):
+        raise ConfigError(f"{what}: give 1, or -1 where the file stores -d")
 
 
 def from_workspace(

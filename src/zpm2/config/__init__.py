@@ -29,6 +29,7 @@ from zpm2.config.points import PointsConfig, RotatedRetryConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, as_config, preset
 from zpm2.config.reconstruct import ReconstructConfig
+from zpm2.config.robust import MagsacConfig
 from zpm2.config.segment import PromptConfig, SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
 from zpm2.config.whole import Config, choices, describe
@@ -49,6 +50,7 @@ __all__ = [
     "GuidedConfig",
     "HomographyConfig",
     "LocalConfig",
+    "MagsacConfig",
     "OutlineConfig",
     "PartnerConfig",
     "PointsConfig",

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.robust import MagsacConfig
 
 
 @dataclass(frozen=True)
@@ -22,28 +23,72 @@ class ChanceConfig:
         unit="px",
         source="twice the cell of 8 px that networks read descriptors from",
     )
-    max_points: int = number(20_000, "that are thinned to independent ones, evenly taken from more", low=1)
-    max_compared: int = number(500, "independent points that are compared each with each other", low=2, high=10_000)
-    min_mirror_points: int = number(10, "independent points from which an image may be called mirrored", low=4)
-    min_mirrored: float = share(0.5, "of the points must be turned over for that, or more")
+    max_points: int = number(
+        20_000, "that are thinned to independent ones, evenly taken from more", low=1, source="time; more say the same"
+    )
+    max_compared: int = number(
+        500,
+        "independent points that are compared each with each other",
+        low=2,
+        high=10_000,
+        source="time grows with the square",
+    )
+    min_mirror_points: int = number(
+        10,
+        "independent points from which an image may be called mirrored",
+        low=4,
+        source="with fewer, half of them turned over may be chance",
+    )
+    min_mirrored: float = share(
+        0.5,
+        "of the points must be turned over for that, or more",
+        source="most of them; matchers find small pieces that are not turned over themselves",
+    )
 
 
 @dataclass(frozen=True)
 class GlobalConfig:
     """Initial geometry and bidirectional pyramid (paper 3.3, Algorithm 1)."""
 
-    epipolar_px: float = number(3.0, 'MAGSAC++ threshold of F and the "sufficiently close" of 3.3.1', unit="px")
-    homography_px: float = number(6.0, "MAGSAC++ threshold of H", unit="px")
+    epipolar_px: float = number(
+        3.0,
+        'MAGSAC++ threshold of F and the "sufficiently close" of 3.3.1',
+        unit="px",
+        source="the noise of learned points is 1 to 2 px, docs/points.md",
+    )
+    homography_px: float = number(
+        6.0, "MAGSAC++ threshold of H", unit="px", source="twice epipolar_px: relief moves points off a plane"
+    )
     search: Literal["pyramid", "fixed"] = option(
         "pyramid", "fixed: a window as wide as the polygon's shorter side (4.4.1)"
     )
-    factor: int = number(3, "pyramid downsampling factor", low=2, high=10)
+    factor: int = number(3, "pyramid downsampling factor", low=2, high=10, source="paper 4.1.3")
     top_size: int = number(
-        200, "downsampling stops when a side of the top level is no longer than this", unit="px", low=1
+        200,
+        "downsampling stops when a side of the top level is no longer than this",
+        unit="px",
+        low=1,
+        source="paper 4.1.3",
     )
-    max_layers: int = number(10, "of the pyramid, full resolution included", low=1, high=100)
-    phi: int = number(15, "template window W_phi, odd", unit="px", low=3, high=63, odd=True)
-    tau: int = number(25, "half of the initial search window W_tau, hence 50 x 50", unit="px", low=1, high=200)
-    band: float = number(3.0, "distance to the epipolar line (epsilon of 3.3.2)", unit="px of the pyramid level")
-    min_contrast: float = number(2.0, "standard deviation under which a template has no texture", unit="grey levels")
+    max_layers: int = number(
+        10,
+        "of the pyramid, full resolution included",
+        low=1,
+        high=100,
+        source="never reached: 200 px times 3 to the power of 9",
+    )
+    phi: int = number(15, "template window W_phi, odd", unit="px", low=3, high=63, odd=True, source="paper 4.1.3")
+    tau: int = number(
+        25, "half of the initial search window W_tau, hence 50 x 50", unit="px", low=1, high=200, source="paper 4.1.3"
+    )
+    band: float = number(
+        3.0,
+        "distance to the epipolar line (epsilon of 3.3.2)",
+        unit="px of the pyramid level",
+        source="not printed in the paper; as epipolar_px",
+    )
+    min_contrast: float = number(
+        2.0, "standard deviation under which a template has no texture", unit="grey levels", source="a camera's noise"
+    )
+    magsac: MagsacConfig = field(default_factory=MagsacConfig)
     chance: ChanceConfig = field(default_factory=ChanceConfig)

@@ -74,6 +74,10 @@ def with_options(config: Config, options: Mapping[str, Any]) -> Config:
 def recorded(values: Mapping[str, Any]) -> Config:
     """The configuration that a result holds; the default of each field that it lacks, or holds no valid value of.
 
+    It forgives, and is the only reader of a result's configuration: what was matched stays good when another version
+    named or limited a field differently, and fields are only needed to go on from there (outlines, maps, pictures). A
+    configuration that a person writes is read strictly (`load`).
+
     >>> recorded({"segment": {"min_area": 7, "gird": 9}}).segment.min_area
     7.0
     """

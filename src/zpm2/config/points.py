@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from zpm2.config.fields import number, option, share
+from zpm2.config.robust import MagsacConfig
 from zpm2.errors import ConfigError
 
 RETRY = "measured, docs/points.md"
@@ -32,19 +33,54 @@ class RotatedRetryConfig:
         200, "fewer that agree on one epipolar geometry: the first round, by `turns`", low=1, source=RETRY
     )
     min_points_far: int = number(100, "fewer after it: the second round, by `far_turns`", low=1, source=RETRY)
-    enough_points: int = number(1000, "that many matches, whether they agree or not: no more rounds", low=1)
+    enough_points: int = number(
+        1000,
+        "that many matches, whether they agree or not: no more rounds",
+        low=1,
+        source="true points of a pair that matches at all number hundreds",
+    )
     turns: tuple[int, ...] = option(
-        (0, 45), "of the right image to either side, first round", unit="degrees", check=_half_turns
+        (0, 45),
+        "of the right image to either side, first round",
+        unit="degrees",
+        check=_half_turns,
+        source="learned points stand about 20 degrees: 45 to either side reach 65",
     )
-    far_turns: tuple[int, ...] = option((90, 135, 180), "the same, second round", unit="degrees", check=_half_turns)
+    far_turns: tuple[int, ...] = option(
+        (90, 135, 180),
+        "the same, second round",
+        unit="degrees",
+        check=_half_turns,
+        source="the remaining turns, in the same steps",
+    )
     sizes: tuple[int, ...] = option(
-        (640, 1000), "longer sides at which both images are searched", unit="px", check=_sides
+        (640, 1000),
+        "longer sides at which both images are searched",
+        unit="px",
+        check=_sides,
+        source="a motion blur of some px is gone at the smaller one",
     )
-    max_keypoints: int = number(2048, "per image, method and search", low=1, high=1_000_000)
+    max_keypoints: int = number(
+        2048,
+        "per image, method and search",
+        low=1,
+        high=1_000_000,
+        source="half of points.max_keypoints, as the images are smaller",
+    )
     noise_px: float = number(
-        3.0, "threshold of the epipolar geometry; more where images were reduced to max_size", unit="px", above=True
+        3.0,
+        "threshold of the epipolar geometry; more where images were reduced to max_size",
+        unit="px",
+        above=True,
+        source="as global_match.epipolar_px",
     )
-    merge_px: float = number(2.0, "matches of two searches that are closer in both images are one", unit="px")
+    merge_px: float = number(
+        2.0,
+        "matches of two searches that are closer in both images are one",
+        unit="px",
+        source="the noise of points of images that are reduced to half",
+    )
+    magsac: MagsacConfig = field(default_factory=MagsacConfig)
 
 
 @dataclass(frozen=True)
@@ -52,12 +88,18 @@ class PointsConfig:
     """Homologous points (paper 3.2). Several matchers are combined, as the paper does."""
 
     methods: tuple[str, ...] = option(("xfeat",), "one or several, see docs/points.md", check=_some)
-    max_keypoints: int = number(4096, "per image and method", low=1, high=1_000_000)
+    max_keypoints: int = number(4096, "per image and method", low=1, high=1_000_000, source="as published for XFeat")
     max_size: int = number(
-        1600, "the longer image side given to learned detectors; points come back in original px", unit="px", low=32
+        1600,
+        "the longer image side given to learned detectors; points come back in original px",
+        unit="px",
+        low=32,
+        source="time and memory grow with the area; finer detail seldom repeats",
     )
-    min_score: float = share(0.1, "the matcher's own")
-    merge_px: float = number(1.0, "matches of two methods that are closer in both images are one", unit="px")
+    min_score: float = share(0.1, "the matcher's own", source="as published for LightGlue")
+    merge_px: float = number(
+        1.0, "matches of two methods that are closer in both images are one", unit="px", source="the noise of a point"
+    )
     blank_window: int = number(
         17,
         "side of the square around a learned point that must show some contrast",
@@ -65,8 +107,15 @@ class PointsConfig:
         low=1,
         high=255,
         odd=True,
+        source="8 px to either side, a cell of the networks",
     )
-    blank_range: int = number(1, "largest range of such a square that counts as blank", unit="grey levels", high=255)
+    blank_range: int = number(
+        1,
+        "largest range of such a square that counts as blank",
+        unit="grey levels",
+        high=255,
+        source="rounding of a constant value",
+    )
     sift_ratio: float = share(
         0.8, "largest ratio of the nearest to the second nearest distance", source="Lowe, IJCV 2004"
     )

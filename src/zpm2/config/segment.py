@@ -18,7 +18,9 @@ def _above_zero(name: str, value: Any) -> None:
 class PromptConfig:
     """Which points of the grid are prompts at the faster levels of quality (`segment.automatic`)."""
 
-    first: float = share(1 / 64, "of the grid: prompts for what is large, made before all others")
+    first: float = share(
+        1 / 64, "of the grid: prompts for what is large, made before all others", source="4 x 4 of 32 x 32 points"
+    )
     fast_blobs: float = share(1 / 6, "of the grid: at most so many prompts at blobs, quality fast", source=MEASURED)
     balanced_blobs: float = share(1 / 3, "the same, quality balanced", source=MEASURED)
     fast_uncovered: float = share(
@@ -33,10 +35,14 @@ class PromptConfig:
         "of the Gaussians whose differences find blobs, each with one twice as wide",
         unit="px of a decoded mask",
         check=_above_zero,
+        source="blobs from 4 to 34 px wide, a 64th to an eighth of the image",
     )
     blob_distance: float = number(1.5, "from a blob to the next one of its scale, at least", unit="sigmas", above=True)
     min_blob_contrast: float = number(
-        0.5, "difference of a blob from its surroundings; no one sees less", unit="CIELAB"
+        0.5,
+        "difference of a blob from its surroundings; no one sees less",
+        unit="CIELAB",
+        source="just noticeable: 2.3 (Mahy et al. 1994)",
     )
 
 
@@ -45,39 +51,72 @@ class SegmentConfig:
     """Regions from pixels (paper 3.2). Thresholds are those of SAM's automatic mask generator."""
 
     model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = option(
-        "mobile_sam", "MobileSAM, or one of the larger SAMs"
+        "mobile_sam", "MobileSAM, or one of the larger SAMs", source="paper 3.2; MobileSAM: Zhang et al. 2023"
     )
     backend: Literal["auto", "openvino", "torch"] = option(
         "auto", "auto: openvino on a CPU where it is installed, else torch"
     )
-    grid: int = number(32, "prompts along each image side, grid x grid in all", low=1, high=1000)
+    grid: int = number(
+        32,
+        "prompts along each image side, grid x grid in all",
+        low=1,
+        high=1000,
+        source="SAM's automatic mask generator",
+    )
     quality: Literal["fast", "balanced", "full"] = option(
         "full", "full: all prompts of the grid; else those where a new region is likely"
     )
     cpu_batch: int = number(
-        16, "prompts at a time on a CPU; the faster levels of quality choose the next ones after these", low=1, high=512
+        16,
+        "prompts at a time on a CPU; the faster levels of quality choose the next ones after these",
+        low=1,
+        high=512,
+        source="few, so that the faster levels can look often; SAM: 64",
     )
-    gpu_batch: int = number(64, "the same on a GPU", low=1, high=512)
+    gpu_batch: int = number(64, "the same on a GPU", low=1, high=512, source="SAM's automatic mask generator")
     prompts: PromptConfig = field(default_factory=PromptConfig)
-    min_predicted_iou: float = share(0.88, "masks below it are dropped: the model itself doubts them")
-    min_stability: float = share(0.95, "IoU of the mask cut at +stability_offset and at -stability_offset")
-    stability_offset: float = number(1.0, "see min_stability", unit="logits")
-    nms_iou: float = share(0.7, "of two masks that overlap more, the one with the better score stays")
+    min_predicted_iou: float = share(
+        0.88, "masks below it are dropped: the model itself doubts them", source="SAM's automatic mask generator"
+    )
+    min_stability: float = share(
+        0.95,
+        "IoU of the mask cut at +stability_offset and at -stability_offset",
+        source="SAM's automatic mask generator",
+    )
+    stability_offset: float = number(1.0, "see min_stability", unit="logits", source="SAM's automatic mask generator")
+    nms_iou: float = share(
+        0.7,
+        "of two masks that overlap more, the one with the better score stays",
+        source="SAM's automatic mask generator",
+    )
     min_area: float = number(
-        100.0, "smaller regions, islands and holes are cleaned away", unit="px^2 of the original image"
+        100.0,
+        "smaller regions, islands and holes are cleaned away",
+        unit="px^2 of the original image",
+        source="10 x 10 px: smaller regions have too little texture to be compared",
     )
     min_decoded_area: float = share(
         0.5, "of min_area, for masks before they are brought to the image's resolution, where they may grow"
     )
-    max_area: float = share(0.9, "of the image; larger masks are the image itself")
+    max_area: float = share(
+        0.9, "of the image; larger masks are the image itself", source="the whole image has no outline of its own"
+    )
 
 
 @dataclass(frozen=True)
 class VectorizeConfig:
     """Polygons from regions (paper 3.2, Douglas-Peucker)."""
 
-    tolerance: float = number(1.0, "Douglas-Peucker distance", unit="px")
-    max_area_change: float = share(
-        0.2, "of a polygon's area: one that simplification would change more keeps its exact outline"
+    tolerance: float = number(
+        1.0, "Douglas-Peucker distance", unit="px", source="an outline along pixel edges is exact to half a px"
     )
-    min_contained: float = share(0.95, "of a polygon's area that lies in another one, which is then its parent")
+    max_area_change: float = share(
+        0.2,
+        "of a polygon's area: one that simplification would change more keeps its exact outline",
+        source="thin things would collapse",
+    )
+    min_contained: float = share(
+        0.95,
+        "of a polygon's area that lies in another one, which is then its parent",
+        source="outlines of two masks differ by a px or two",
+    )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.config import RotatedRetryConfig
+from zpm2.config import MagsacConfig, RotatedRetryConfig
 from zpm2.errors import Failed
 from zpm2.features.combined import distinct
 from zpm2.features.protocol import PointMatcher
@@ -47,7 +47,7 @@ class RotatedRetry:
         noise = config.noise_px * max(1.0, longest / self.size)
         searches, turns = [found], [np.zeros(len(found), np.int64)]
         for half_turns, enough in ((config.turns, config.min_points), (config.far_turns, config.min_points_far)):
-            if len(found) >= config.enough_points or _agreeing(found, noise).sum() >= enough:
+            if len(found) >= config.enough_points or _agreeing(found, noise, config.magsac).sum() >= enough:
                 break
             angles = both_ways(half_turns)
             for size in sorted({min(size, longest) for size in config.sizes}):
@@ -57,7 +57,7 @@ class RotatedRetry:
             found = PointMatches.join(searches)
         if len(searches) == 1:
             return found
-        turned = np.concatenate(turns)[_agreeing(found, noise)]
+        turned = np.concatenate(turns)[_agreeing(found, noise, config.magsac)]
         best = int(np.argmax(np.bincount(turned % 360))) if len(turned) else 0
         if best:  # the size of the first search, and the turn that it lacked
             view, to_image = _view(right, max(right.width, right.height), best)
@@ -85,9 +85,9 @@ def both_ways(half_turns: Sequence[int]) -> list[int]:
     return [angle for turn in half_turns for angle in ((turn, -turn) if turn % 180 else (turn,))]
 
 
-def _agreeing(points: PointMatches, noise: float) -> NDArray[np.bool_]:
+def _agreeing(points: PointMatches, noise: float, config: MagsacConfig) -> NDArray[np.bool_]:
     """(n,) the points that agree on one epipolar geometry."""
-    found = geometry.fundamental_matrix(points.left, points.right, noise)
+    found = geometry.fundamental_matrix(points.left, points.right, noise, config=config)
     if isinstance(found, Failed):
         return np.zeros(len(points), bool)
     return geometry.epipolar_inliers(found[0], points.left, points.right, noise)

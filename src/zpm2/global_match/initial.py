@@ -82,14 +82,16 @@ def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> I
     printed |p^T F p| <= epsilon depends on F's arbitrary scale. Without F, H is estimated from all points.
     """
     all_points = np.ones(len(points), bool)
-    fundamental = geometry.fundamental_matrix(points.left, points.right, config.epipolar_px, seed)
+    fundamental = geometry.fundamental_matrix(points.left, points.right, config.epipolar_px, seed, config.magsac)
     if isinstance(fundamental, Failed):
         matrix: NDArray[np.float64] | Failed = fundamental
         consistent = all_points
     else:
         matrix, _ = fundamental
         consistent = geometry.epipolar_inliers(matrix, points.left, points.right, config.epipolar_px)
-    homography = geometry.homography(points.left[consistent], points.right[consistent], config.homography_px, seed)
+    homography = geometry.homography(
+        points.left[consistent], points.right[consistent], config.homography_px, seed, config.magsac
+    )
     planar = np.zeros(len(points), bool)
     if isinstance(homography, Failed):
         return InitialGeometry(points, matrix, homography, consistent, planar, config.chance)

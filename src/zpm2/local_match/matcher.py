@@ -92,7 +92,8 @@ def _second_round(scorer: CandidateScorer, matched: Candidates) -> CandidateScor
         center[rows] += np.median(motion[near.reshape(len(rows), -1)], axis=1)
         locations = dataclasses.replace(locations, centers=center)
         rows = rows[np.isfinite(center[rows]).all(1)]
-        half_side = (left.bounds[rows, 2:] - left.bounds[rows, :2]).min(1, keepdims=True) / 2
+        half_side = (left.bounds[rows, 2:] - left.bounds[rows, :2]).min(1, keepdims=True)
+        half_side *= scorer.config.second_window / 2
         windows = shapely.box(*(center[rows] - half_side).T, *(center[rows] + half_side).T)
         hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
         i, j = np.append(i, rows[hit]), np.append(j, row)

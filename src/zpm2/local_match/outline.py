@@ -95,7 +95,8 @@ def align(cost: Array, config: OutlineConfig) -> NDArray[np.int64]:
         if total >= best:
             break
         best, path = total, found + start
-        away = path[len(path) // 4 : len(path) - len(path) // 4]
+        margin = int(config.restart_margin * len(path))
+        away = path[margin : len(path) - margin]
         start = _cheapest_run(cost, away[:, 0], away[:, 1], config.start_window)
     return path
 

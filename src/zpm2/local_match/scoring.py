@@ -47,9 +47,10 @@ class CandidateScorer:
         frames = transform_polygons(self.left, each, maps)
         identity = np.broadcast_to(np.eye(3), (len(self.right), 3, 3))
         back = np.linalg.inv(maps).astype(np.float64)
+        sampling = config.patch, config.max_halvings
         self.patches = (
-            texture.TexturePatches(problem.images[0], frames, back, config.patch),
-            texture.TexturePatches(problem.images[1], self.right.shapes, identity, config.patch),
+            texture.TexturePatches(problem.images[0], frames, back, *sampling),
+            texture.TexturePatches(problem.images[1], self.right.shapes, identity, *sampling),
         )
 
     def score(self, pairs: Candidates, locations: PyramidLocations) -> CandidateScores:

@@ -12,7 +12,6 @@ from zpm2.polygons.rasterize import rasterize_stack
 Array = NDArray[np.float64]
 PAIR_CHUNK = 256  # pairs that are compared at a time
 PATCH_CHUNK = 256  # patches that are sampled at a time
-MAX_HALVINGS = 6  # of an image before it is sampled, so that a patch of a large polygon does not alias
 
 
 class TexturePatches:
@@ -20,11 +19,14 @@ class TexturePatches:
 
     Patch k is the bounding box of `frames[k]` resampled to size x size: `values` (n, size^2), and `inside` (n, size^2)
     where the polygon is. `frames` are shapely polygons in px of the right image, which `to_image` (n, 3, 3) maps to the
-    sampled image (by the identity for the right image itself). So both patches of a pair are rectified to one frame.
+    sampled image (by the identity for the right image itself). So both patches of a pair are rectified to one frame. An
+    image is halved up to `max_halvings` times before a large polygon is sampled.
     """
 
-    def __init__(self, image: Image, frames: NDArray[np.object_], to_image: Array, size: int) -> None:
-        self.size = size
+    def __init__(
+        self, image: Image, frames: NDArray[np.object_], to_image: Array, size: int, max_halvings: int
+    ) -> None:
+        self.size, self.max_halvings = size, max_halvings
         n = len(frames)
         self.values = np.zeros((n, size * size), np.float32)
         self.inside = np.zeros((n, size * size), bool)
@@ -49,7 +51,7 @@ class TexturePatches:
         at = mapped[..., :2] / np.where(depth > 1e-9, depth, 1.0)
         seen &= (at >= 0).all(-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
         spread = np.nan_to_num(np.ptp(at, axis=1).max(1) / size, nan=1.0, posinf=1.0)
-        level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, MAX_HALVINGS).astype(int)
+        level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, self.max_halvings).astype(int)
         for k in np.unique(level):
             while len(levels) <= k:
                 levels.append(pyramid(levels[-1], 1, 2)[1])

@@ -166,11 +166,11 @@ def brightness_range(values: Values, stretch: StretchConfig = DEFAULTS) -> tuple
     floating = values.dtype.kind == "f"
     kind = f"{values.dtype.itemsize * 8}-bit {'floats' if floating else 'integers'}"
     percentiles = stretch.low_percentile, stretch.high_percentile
-    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // 4_000_000))
+    step = max(1, math.isqrt(values.shape[0] * values.shape[1] // stretch.sample_px))
     low, high = (float(v) for v in np.percentile(values[::step, ::step].astype(np.float64), percentiles))
     least, most = float(values.min()), float(values.max())
     for full in (1.0, 255.0) if floating else (255.0,):
-        if least >= 0 and most <= full and high >= full / 4:
+        if least >= 0 and most <= full and high >= stretch.min_range * full:
             return 0.0, full, Note(f"The {kind} were read as brightness from 0 to {full:g}.")
     if high <= low:
         low, high = least, most

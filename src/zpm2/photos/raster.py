@@ -24,7 +24,6 @@ from zpm2.photos.geolocation import place_of
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
-PREVIEW_PX = 4_000_000  # px that are looked at on opening, for the range of brightness
 CHUNK_BYTES = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
 BYTES_PER_PX = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
 MAX_SAMPLES_PER_PX = (
@@ -150,7 +149,7 @@ class Raster:
 
     def _look(self, notes: list[str]) -> None:
         """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
-        step = math.ceil(math.sqrt(self.width * self.height / PREVIEW_PX))
+        step = math.ceil(math.sqrt(self.width * self.height / self._stretch.sample_px))
         size = max(1, self.width // step), max(1, self.height // step)
         seen, valid = self._pixels((0, 0, self.width, self.height), *size)
         if valid is not None:

@@ -25,12 +25,13 @@ class ImagePyramid:
     """An image at its own resolution, a half, a quarter, ...; each level is made when it is first used."""
 
     image: Image
+    sharpness: float  # `PoseConfig.crop_sharpness`
     pixels: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
 
     def crop(self, to_image: Array, side: int) -> Image:
         """(side, side) px of the image: crop px ~ `to_image` (3, 3) lead to image px, centres of both at +0.5."""
         step = np.sqrt(abs(np.linalg.det(geometry.homography_jacobian(to_image, np.full((1, 2), side / 2))[0])))
-        level = int(max(0, np.floor(np.log2(max(step, 1e-6)) + 0.25)))
+        level = int(max(0, np.floor(np.log2(max(step, 1e-6)) + self.sharpness)))
         pixels = self._level(level)
         scale = np.diag([pixels.shape[1] / self.image.width, pixels.shape[0] / self.image.height, 1.0])
         matrix = geometry.for_opencv(scale @ to_image)
@@ -89,9 +90,10 @@ def rectified(
     return Crops(rows, squares[rows], there[rows])
 
 
-def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, side: int) -> PointMatches:
+def match(crops: Crops, images: tuple[Image, Image], matcher: PointMatcher, config: PoseConfig) -> PointMatches:
     """Homologous points of all crops in px of the original images."""
-    left, right = ImagePyramid(images[0]), ImagePyramid(images[1])
+    left, right = (ImagePyramid(image, config.crop_sharpness) for image in images)
+    side = config.crop_size
     pairs = [(left.crop(a, side), right.crop(b, side)) for a, b in zip(crops.left, crops.right, strict=True)]
     found = matcher.match_many(pairs)
     parts = []

@@ -14,7 +14,6 @@ from zpm2.pose.estimators import PoseEstimate
 from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
-ROUNDS = 20  # of reweighting, by which a rotation is found
 NO_TRANSLATION = 1e-9  # of the plane's distance: a shorter one has no direction
 
 
@@ -45,7 +44,7 @@ def examine(
     """
     limits = config.degeneracy
     near = rays.near(estimate.essential, config.inlier)
-    rotation = rotation_between(rays.left[near], rays.right[near], rays.noise)
+    rotation = rotation_between(rays.left[near], rays.right[near], rays.noise, limits.rotation_rounds)
     away = np.linalg.norm(geometry.turn_rays(rotation, rays.left) - rays.right, axis=1)
     rotated = away <= config.inlier * rays.noise
     # not of the inliers: of a camera that only turned, no point can be shown to lie before both views
@@ -60,7 +59,7 @@ def examine(
         return Degeneracy((*flags, "pure_rotation"), rotation, agree)
     inliers = rays[agree]
     alternatives: tuple[tuple[Array, Array], ...] = ()
-    plane = geometry.homography(inliers.left, inliers.right, config.inlier * rays.noise, seed)
+    plane = geometry.homography(inliers.left, inliers.right, config.inlier * rays.noise, seed, config.magsac)
     if not isinstance(plane, Failed) and plane[1].mean() >= limits.explained:
         flags.append("planar_scene")
         alternatives = _other_poses(plane[0], estimate, inliers, config)
@@ -69,11 +68,12 @@ def examine(
     return Degeneracy(tuple(flags), alternatives=alternatives)
 
 
-def rotation_between(left: Array, right: Array, threshold: float) -> Array:
-    """(3, 3) R with right ~ R left for homologous rays (n, 2): Kabsch (1976) on unit vectors, reweighted (Cauchy)."""
+def rotation_between(left: Array, right: Array, threshold: float, rounds: int) -> Array:
+    """(3, 3) R with right ~ R left for homologous rays (n, 2): Kabsch (1976) on unit vectors, `rounds`
+    times, each point weighted by its error (Cauchy)."""
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in map(geometry.homogeneous, (left, right)))
     weight, rotation = np.ones(len(a)), np.eye(3)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         u, _, v = np.linalg.svd((b * weight[:, None]).T @ a)
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
         error = np.linalg.norm(a @ rotation.T - b, axis=1) / threshold

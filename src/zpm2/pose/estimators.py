@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import geometry
+from zpm2.config import PoseConfig
 from zpm2.errors import ConfigError, Failed, MissingDependency
 
 Array = NDArray[np.float64]
-MIN_POINTS = 8  # below, there is no pose: any five points fit one exactly and prove nothing
-# of PoseLib's LO-RANSAC
-MIN_ITERATIONS, MAX_ITERATIONS = 1000, 20_000
+DEFAULTS = PoseConfig()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +52,13 @@ class OpenCv:
 
     name = "opencv"
 
+    def __init__(self, config: PoseConfig = DEFAULTS) -> None:
+        self.config = config
+
     def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> PoseEstimate | Failed:
-        if len(left) < MIN_POINTS:
-            return _too_few(len(left))
-        essential = geometry.essential_matrix(left, right, threshold, seed)
+        if len(left) < self.config.min_points:
+            return _too_few(len(left), self.config)
+        essential = geometry.essential_matrix(left, right, threshold, seed, self.config.magsac)
         if isinstance(essential, Failed):
             return essential
         matrix, mask = essential
@@ -69,7 +71,7 @@ class OpenCv:
         # cv2.recoverPose would count points farther than 50 baselines as behind the cameras
         in_front = [geometry.in_front(*motion, left, right) & mask for motion in motions]
         best = int(np.argmax([front.sum() for front in in_front]))
-        return _with_enough_inliers(PoseEstimate(*motions[best], in_front[best]))
+        return _with_enough_inliers(PoseEstimate(*motions[best], in_front[best]), self.config)
 
 
 class PoseLib:
@@ -77,7 +79,8 @@ class PoseLib:
 
     name = "poselib"
 
-    def __init__(self) -> None:
+    def __init__(self, config: PoseConfig = DEFAULTS) -> None:
+        self.config = config
         try:
             import poselib
         except ImportError as error:
@@ -85,43 +88,43 @@ class PoseLib:
         self.solve = poselib.estimate_relative_pose
 
     def estimate(self, left: Array, right: Array, threshold: float, seed: int) -> PoseEstimate | Failed:
-        if len(left) < MIN_POINTS:
-            return _too_few(len(left))
+        if len(left) < self.config.min_points:
+            return _too_few(len(left), self.config)
         # PoseLib expects px: it gets those of a camera in which the noise is one px
         unit = {"model": "PINHOLE", "width": 0, "height": 0, "params": [1 / threshold, 1 / threshold, 0.0, 0.0]}
         ransac = {
             "max_epipolar_error": 1.0,
             "seed": seed,
-            "max_iterations": MAX_ITERATIONS,
-            "min_iterations": MIN_ITERATIONS,
+            "max_iterations": self.config.poselib_max_iterations,
+            "min_iterations": self.config.poselib_min_iterations,
         }
         pose, info = self.solve(left / threshold, right / threshold, unit, unit, ransac, {"loss_scale": 1.0})
         length = float(np.linalg.norm(pose.t))
         if not np.isfinite([*pose.R.ravel(), *pose.t]).all() or not length:
             return Failed("no relative pose fits the homologous points")
         inliers = np.array(info["inliers"], bool)
-        return _with_enough_inliers(PoseEstimate(np.asarray(pose.R), np.asarray(pose.t) / length, inliers))
+        return _with_enough_inliers(PoseEstimate(np.asarray(pose.R), np.asarray(pose.t) / length, inliers), self.config)
 
 
-ESTIMATORS: Mapping[str, Callable[[], PoseEstimator]] = {"opencv": OpenCv, "poselib": PoseLib}
+ESTIMATORS: Mapping[str, Callable[[PoseConfig], PoseEstimator]] = {"opencv": OpenCv, "poselib": PoseLib}
 
 
-def open_estimator(name: str) -> PoseEstimator:
+def open_estimator(name: str, config: PoseConfig = DEFAULTS) -> PoseEstimator:
     """The estimator of that name; `MissingDependency` where its package is not installed. "auto" is PoseLib where it is
     installed, else OpenCV."""
     if name == "auto":
         name = "poselib" if find_spec("poselib") else "opencv"
     if name not in ESTIMATORS:
         raise ConfigError(f"unknown estimator '{name}'; estimators are: {', '.join(ESTIMATORS)}")
-    return ESTIMATORS[name]()
+    return ESTIMATORS[name](config)
 
 
-def _too_few(count: int) -> Failed:
-    return Failed(f"a relative pose is trusted from {MIN_POINTS} homologous points on, there are {count}")
+def _too_few(count: int, config: PoseConfig) -> Failed:
+    return Failed(f"a relative pose is trusted from {config.min_points} homologous points on, there are {count}")
 
 
-def _with_enough_inliers(estimate: PoseEstimate) -> PoseEstimate | Failed:
+def _with_enough_inliers(estimate: PoseEstimate, config: PoseConfig) -> PoseEstimate | Failed:
     agreeing, total = int(estimate.inliers.sum()), len(estimate.inliers)
-    if agreeing < MIN_POINTS:
+    if agreeing < config.min_points:
         return Failed(f"only {agreeing} of {total} homologous points agree on a relative pose")
     return estimate

@@ -39,7 +39,7 @@ class PoseFinder:
 
     def __init__(self, config: Config, matcher: PointMatcher | None = None, device: str = "cpu") -> None:
         self.config, self.device, self._matcher = config, device, matcher
-        self.estimator: PoseEstimator = open_estimator(config.pose.estimator)
+        self.estimator: PoseEstimator = open_estimator(config.pose.estimator, config.pose)
 
     def __call__(
         self, result: MatchResult, cameras: tuple[Camera, Camera] | None, images: tuple[Image, Image] | None = None
@@ -118,7 +118,7 @@ class PoseFinder:
             confidence = np.array([match.confidence for match in result.matches])
             zoom = min(1.0, self.config.points.max_size / max(images[0].width, images[0].height))
             chosen = crops.rectified(pairs[0], pairs[1], result.maps(), confidence, zoom, config)
-        points = crops.match(chosen, images, self._load(), config.crop_size)
+        points = crops.match(chosen, images, self._load(), config)
         region = region_of(points, pairs[0], pairs[1])
         return Correspondences(points, region, np.ones(len(region), bool))[region >= 0]
 
@@ -166,10 +166,10 @@ class PoseFinder:
         return RelativePose.of(refined, doubts), inliers, rejected
 
     def _refined(self, estimate: PoseEstimate, rays: RayPairs, usable: NDArray[np.bool_]) -> RefinedPose:
-        """Refined on the `usable` points that are anywhere near, and once more on those near the refined pose."""
+        """Refined on the `usable` points that are anywhere near, and again on those near the refined pose."""
         config = self.config.pose
         parts = blocks(rays.left, config.jackknife_blocks)
-        for _ in range(2):
+        for _ in range(config.refine_rounds):
             near = rays.near(estimate.essential, config.refine_reach)
             refined = refine(dataclasses.replace(estimate, inliers=near & usable), rays, parts, config.refine_steps)
             estimate = refined.estimate
@@ -201,8 +201,8 @@ class PoseFinder:
 
     def _rival(self, estimate: PoseEstimate, rays: RayPairs, seed: int) -> int:
         """How many of the points that are far from agreeing with a pose agree on another one."""
-        inlier = self.config.pose.inlier
-        far = rays[rays.distance(estimate.essential) > 2 * inlier * rays.noise]
+        inlier, away = self.config.pose.inlier, self.config.pose.degeneracy.rival_distance
+        far = rays[rays.distance(estimate.essential) > away * inlier * rays.noise]
         other = self.estimator.estimate(far.left, far.right, far.noise, seed)
         return 0 if isinstance(other, Failed) else int(far.near(other.essential, inlier).sum())
 

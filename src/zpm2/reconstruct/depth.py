@@ -22,7 +22,6 @@ from zpm2.stereo.rectify import rectify_views
 
 Array = NDArray[np.float64]
 Depth = NDArray[np.float32]
-MIN_NORMAL = 0.1  # length of a mean of unit normals, below which they point anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +63,7 @@ def write_depth_maps(dense: Path, config: Config, tell: Callable[[str, float], N
             notes.append(f"{view.name}: no depth: {depth}")
             width, height = view.camera.camera.size
             depth = np.full((height, width), np.nan, np.float32)
-        _write(files, depth, _normals(depth, view.camera, config.reconstruct.normal_smoothing))
+        _write(files, depth, _normals(depth, view.camera, config.reconstruct))
     tell("depth", 1.0)
     return notes
 
@@ -123,7 +122,7 @@ def agreed(maps: Depth, tolerance: float, min_count: int) -> Depth:
     return result
 
 
-def _normals(depth: Depth, camera: PosedCamera, smoothing: float) -> Depth:
+def _normals(depth: Depth, camera: PosedCamera, config: ReconstructConfig) -> Depth:
     """(h, w, 3) unit normals in the camera's frame, towards the camera; 0 where they are not known."""
     height, width = depth.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -133,9 +132,9 @@ def _normals(depth: Depth, camera: PosedCamera, smoothing: float) -> Depth:
     normal = np.cross(down, along)  # towards the camera: y points down
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
     normal = np.nan_to_num(normal)
-    smooth: Any = cv2.GaussianBlur(normal, (0, 0), smoothing)
+    smooth: Any = cv2.GaussianBlur(normal, (0, 0), config.normal_smoothing)
     size = np.linalg.norm(smooth, axis=2, keepdims=True)
-    known = np.isfinite(depth)[..., None] & (size > MIN_NORMAL)
+    known = np.isfinite(depth)[..., None] & (size > config.min_normal)
     return np.where(known, smooth / np.maximum(size, 1e-12), 0).astype(np.float32)
 
 

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from zpm2.config import ReconstructConfig
+from zpm2.config import Config
 from zpm2.errors import InputError
 from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.model import PosedCamera
-
-SEED = 0  # any: so that a reconstruction can be repeated
 
 
 def find_structure(
@@ -20,7 +18,7 @@ def find_structure(
     names: Sequence[str],
     workspace: Path,
     known: Mapping[str, PosedCamera] | None,
-    config: ReconstructConfig,
+    config: Config,
 ) -> Path:
     """The model workspace/sparse/0 of the photographs `names` in `images`.
 
@@ -32,8 +30,8 @@ def find_structure(
     pycolmap = require_pycolmap()
     with temporary_folder(workspace) as part:
         with colmap_can(f"find cameras and points of {images}"):
-            found = _reconstruct(pycolmap, images, names, part, known, config.ordered)
-        if found.num_points3D() < config.min_points:
+            found = _reconstruct(pycolmap, images, names, part, known, config)
+        if found.num_points3D() < config.reconstruct.min_points:
             raise InputError(f"the photographs in {images} have {found.num_points3D()} points in common: too few")
         (part / "0").mkdir()
         with colmap_can(f"write the model {model}"):
@@ -48,7 +46,7 @@ def _reconstruct(
     names: Sequence[str],
     part: Path,
     known: Mapping[str, PosedCamera] | None,
-    ordered: bool,
+    config: Config,
 ) -> Any:
     """The model with the most photographs; intermediate files of COLMAP go to `part`."""
     database, models = part / "database.db", part / "models"
@@ -59,8 +57,8 @@ def _reconstruct(
     pycolmap.extract_features(database, images, names, camera_mode=mode, device=pycolmap.Device.auto)
     if known is not None:
         _give_cameras(pycolmap, database, known)
-    verification, mapping = _seeded(pycolmap)
-    if ordered:
+    verification, mapping = _seeded(pycolmap, config.seed)
+    if config.reconstruct.ordered:
         pycolmap.match_sequential(database, verification_options=verification)
     else:
         pycolmap.match_exhaustive(database, verification_options=verification)
@@ -73,13 +71,13 @@ def _reconstruct(
     return max(found.values(), key=lambda r: r.num_reg_images())
 
 
-def _seeded(pycolmap: Any) -> tuple[Any, Any]:
+def _seeded(pycolmap: Any, seed: int) -> tuple[Any, Any]:
     """Options of matching and of mapping that give the same model each time: the same samples, whichever thread draws
     them, and one thread for the adjustment, as several add up in another order each time."""
-    pycolmap.set_random_seed(SEED)
+    pycolmap.set_random_seed(seed)
     verification, mapping = pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalPipelineOptions()
     for draws in (verification.ransac, mapping, mapping.mapper, mapping.triangulation):
-        draws.random_seed = SEED
+        draws.random_seed = seed
     mapping.num_threads = 1
     return verification, mapping
 

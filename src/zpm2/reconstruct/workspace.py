@@ -73,7 +73,7 @@ def reconstruct(
     if not _in_place(photographs, images):
         _link(photographs, names, make_folder(images))
     tell("structure", 0.0)
-    model = find_structure(images, names, workspace, known, own)
+    model = find_structure(images, names, workspace, known, config)
     tell("structure", 1.0)
     registered = open_model(model).num_reg_images()
     dense = workspace / "dense"

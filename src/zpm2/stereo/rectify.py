@@ -23,7 +23,6 @@ from zpm2.stereo.dense import robust_range
 from zpm2.stereo.rig import Rig
 
 Array = NDArray[np.float64]
-PAIR_BORDER, VIEW_BORDER = 20, 9  # points along each side of an image that tell how far it reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +148,7 @@ def rectify_views(
         return Failed("the cameras moved along their axis")
     rotation = _frame(baseline / length, axis)
     focal = reference.camera.focal
-    rays = reference.directions(_border(reference.camera.size, VIEW_BORDER)) @ rotation.T
+    rays = reference.directions(_border(reference.camera.size, config.view_border)) @ rotation.T
     if (rays[:, 2] <= config.min_ray_depth).any():  # parts of the border point sideways or backwards
         return Failed("the cameras look into too different directions")
     reach = rays[:, :2] / rays[:, 2:]
@@ -239,7 +238,7 @@ def _pair_cameras(
 
 def _reach(camera: Camera, rotation: Array, points: Array, config: StereoConfig) -> Array:
     """(n, 2) rectified rays of the image's border, as far as it does not turn out of sight, and of its points."""
-    rays = geometry.homogeneous(camera.rays(_border(camera.size, PAIR_BORDER))) @ rotation.T
+    rays = geometry.homogeneous(camera.rays(_border(camera.size, config.pair_border))) @ rotation.T
     rays = rays[rays[:, 2] > np.cos(np.radians(config.max_turn)) * np.linalg.norm(rays, axis=1)]
     inside = geometry.turn_rays(rotation, camera.rays(points))
     return np.concatenate([rays[:, :2] / rays[:, 2:], inside[np.isfinite(inside).all(1)]])

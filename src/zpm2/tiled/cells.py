@@ -14,9 +14,9 @@ from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
+from zpm2.tiled.predict import MIN_DETERMINANT
 
 Array = NDArray[np.float64]
-MIN_DETERMINANT = 1e-6  # of an affine map, below which it collapses the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +74,15 @@ def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
 
 
 def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
-    """px of the right photograph: how far nine of ten points lie at most from their predicted place, which H gives with
-    the median residual of their neighbours; infinite for a few points."""
+    """px of the right photograph: how far the points (a share of `predicted`) lie at most from their predicted place,
+    which H gives with the median residual of their neighbours; infinite for a few points."""
     points = initial.points[initial.consistent]
     if len(points) <= config.neighbors:
         return float("inf")
     motion = points.right - initial.prior_locations(points.left).centers
     _, near = cKDTree(points.left).query(points.left, k=config.neighbors + 1)
     away = np.linalg.norm(motion - np.median(motion[near[:, 1:]], axis=1), axis=1)
-    return float(np.percentile(away, 90)) if np.isfinite(away).all() else float("inf")
+    return float(np.percentile(away, 100 * config.predicted)) if np.isfinite(away).all() else float("inf")
 
 
 def warped_by_cells(polygons: PolygonArrays, cells: Sequence[Cell], config: LocalConfig) -> WarpedPolygons:

@@ -28,9 +28,9 @@ class PartnerWindow:
 
 
 def coherent_points(points: PointMatches, noise: float, config: PartnerConfig) -> PointMatches:
-    """The points that move with their neighbours: at least half of the nearest ones on the left are as near on the
-    right, in the photographs' common scale, up to twice the distance and `noise` px. Holds for any turn and relief, and
-    for scenes with more than one geometry."""
+    """The points that move with their neighbours: enough of the nearest ones on the left are as near on the right, in
+    the photographs' common scale, up to `max_apart` times the distance and `noise` px. Holds for any turn and relief,
+    and for scenes with more than one geometry."""
     n = len(points)
     if n <= config.neighbors:
         return points
@@ -41,10 +41,12 @@ def coherent_points(points: PointMatches, noise: float, config: PartnerConfig) -
     spread = np.ptp(points.right, axis=0).max() / max(np.ptp(points.left, axis=0).max(), 1e-9)
     median = float(np.median(away / np.maximum(apart, 1e-9)))
     scale = min(median, config.max_spread * spread)  # wrong points lie far apart and make the median too large
-    return points[(away <= 2 * scale * apart + noise).sum(1) * 2 >= config.neighbors]
+    return points[(away <= config.max_apart * scale * apart + noise).sum(1) >= config.min_coherent * config.neighbors]
 
 
-def affine_map(points: PointMatches, window: Window, noise: float, config: PartnerConfig) -> Array | None:
+def affine_map(
+    points: PointMatches, window: Window, noise: float, config: PartnerConfig, seed: int = 0
+) -> Array | None:
     """(2, 3) affine map from left to right px in and around a window: by RANSAC from the points in it, and where these
     are few from those nearest to it; None where they do not agree on one."""
     x0, y0, x1, y1 = window
@@ -55,9 +57,9 @@ def affine_map(points: PointMatches, window: Window, noise: float, config: Partn
         inside[np.argsort((out**2).sum(1), kind="stable")[: config.enough_points]] = True
     if inside.sum() < config.min_points:
         return None
-    cv2.setRNGSeed(0)
+    cv2.setRNGSeed(seed)
     matrix, agree = cv2.estimateAffine2D(
-        points.left[inside], points.right[inside], method=cv2.RANSAC, ransacReprojThreshold=noise, maxIters=2000
+        points.left[inside], points.right[inside], method=cv2.RANSAC, ransacReprojThreshold=noise
     )
     if matrix is None or agree.sum() < max(config.min_points, config.min_agreeing * inside.sum()):
         return None
@@ -106,7 +108,8 @@ def partner_window(
     inside = ((points.left >= [x0, y0]) & (points.left <= [x1, y1])).all(1)
     if inside.sum() >= config.min_points:  # relief displaces what stands high or low
         reach = high - low
-        ends = np.clip(np.percentile(points.right[inside], [2, 98], axis=0), low - reach / 4, high + reach / 4)
+        ends = np.percentile(points.right[inside], [100 * config.outliers, 100 - 100 * config.outliers], axis=0)
+        ends = np.clip(ends, low - config.max_relief * reach, high + config.max_relief * reach)
         low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
     rim = margin * (high - low)
     linear = matrix[:, :2]

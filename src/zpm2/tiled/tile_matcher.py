@@ -37,8 +37,6 @@ from zpm2.tiled.predict import (
 from zpm2.tiled.tile import SIDES, Tile, TileCache, Windows, tile_of_pair, tile_without_partner
 from zpm2.tiled.view import TileView, applied_turn, read_view, reduced_size
 
-COVER_CELLS = 32  # along each side of a window, in which its uncovered share is counted
-
 
 @dataclass(eq=False)
 class TileMatcher:
@@ -97,7 +95,8 @@ class TileMatcher:
         left, right = self.sources
         tiles, chosen = self.config.tiles, self.config.tiles.partner
         size = right.width, right.height
-        matrix = affine_map(points, window, chosen.noise * windows.side(window), chosen) if level else None
+        noise = chosen.noise * windows.side(window)
+        matrix = affine_map(points, window, noise, chosen, self.config.seed) if level else None
         if matrix is not None:
             found = partner_window(window, matrix, points, size, tiles.overlap, chosen)
         else:
@@ -174,7 +173,8 @@ class TileMatcher:
     def _unseen(self, level: int, seen: Sequence[Window | None], own: Sequence[Window], number: int) -> list[Tile]:
         """The windows of the right photograph at that level to which no left tile led."""
         covered = [window for window in seen if window is not None]
-        alone = [window for window in own if _uncovered(window, covered) >= self.config.tiles.min_unseen]
+        tiles = self.config.tiles
+        alone = [window for window in own if _uncovered(window, covered, tiles.cover_cells) >= tiles.min_unseen]
         return [
             self._finished(f"{level}-{number + k}", (None, window), lambda both: self._alone(level, both))
             for k, window in enumerate(alone)
@@ -225,11 +225,11 @@ def _equally_many(levels: list[list[Window]], others: Sequence[object]) -> list[
     return [levels[0]] * (len(others) - len(levels)) + levels
 
 
-def _uncovered(window: Window, others: Sequence[Window]) -> float:
-    """Share of a window that no other one covers, in steps of its sides by `COVER_CELLS`."""
-    free: NDArray[np.bool_] = np.ones((COVER_CELLS, COVER_CELLS), bool)
+def _uncovered(window: Window, others: Sequence[Window], cells: int) -> float:
+    """Share of a window that no other one covers, counted in `cells` steps of its sides."""
+    free: NDArray[np.bool_] = np.ones((cells, cells), bool)
     x0, y0, x1, y1 = window
-    step = np.array([x1 - x0, y1 - y0]) / COVER_CELLS
+    step = np.array([x1 - x0, y1 - y0]) / cells
     for other in others:
         a, b, c, d = windows.common(window, other)
         if c > a and d > b:

@@ -12,7 +12,7 @@ import PIL.ImageDraw
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
-from zpm2.model import Image, Polygon, PolygonMatch
+from zpm2.model import SIDES, ImagePolygons, Polygon, PolygonMatch
 from zpm2.view.palette import distinct_colors
 from zpm2.view.panel import (
     CROWD,
@@ -21,6 +21,7 @@ from zpm2.view.panel import (
     SOLID,
     Color,
     Label,
+    PanelFrame,
     PanelRegion,
     Pixels,
     by_id,
@@ -50,8 +51,6 @@ REASONS: Mapping[str, Color] = {
 OTHER_REASON = (170, 170, 170)  # of any other reason
 UNKNOWN = "reason not known"
 
-Size = tuple[int, int]
-Sizes = tuple[Size, Size]
 Ring = NDArray[np.int32]
 
 
@@ -65,13 +64,7 @@ class _Key:
 
 
 def overlay(
-    left: Image,
-    right: Image,
-    left_polygons: Sequence[Polygon],
-    right_polygons: Sequence[Polygon],
-    matches: Sequence[PolygonMatch],
-    max_width: int = 2400,
-    sizes: Sizes | None = None,
+    left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch], max_width: int = 2400
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: the two photographs side by side, or one above the other where that fits a screen better.
 
@@ -79,31 +72,29 @@ def overlay(
     outline is solid, dashed or dotted by confidence (`STYLES`). Unmatched ones have a thin pale outline. Smaller
     polygons lie on top, larger ones are more transparent; where they overlap, a pixel has the colour of the topmost.
     Of more than `CROWD` matches, only those carry a number that have room for it in both photographs.
-    max_width: px, no side of the result is longer. sizes: (width, height) px of the photographs that the polygons'
-    coordinates are of, where `left` and `right` are reduced versions of them; None: the images' own. The same input
-    gives the same picture. `InputError` where a match names a polygon that is not there.
+    left, right: with their `image`, which may be a reduced version. max_width: px, no side of the result is longer. The
+    same input gives the same picture. `InputError` where a match names a polygon that is not there, or an image is
+    missing.
     """
-    known = by_id(left_polygons, "left"), by_id(right_polygons, "right")
+    known = by_id(left.polygons, "left"), by_id(right.polygons, "right")
     for match in matches:
         if match.left not in known[0] or match.right not in known[1]:
             raise InputError(f"match {match.left} - {match.right} names a polygon that is not in the lists given")
-    full = sizes or ((left.width, left.height), (right.width, right.height))
-    panel_sizes, stacked = _layout((left.width, left.height), (right.width, right.height), max_width)
+    frames, stacked = _frames(left, right, max_width)
     pairs = [(known[0][match.left], known[1][match.right]) for match in matches]
     colors = distinct_colors(*_places([p for p, _ in pairs]))
-    areas = [max(share(p, full[0]), share(q, full[1])) for p, q in pairs]
+    areas = [max(share(p, frames[0].full), share(q, frames[1].full)) for p, q in pairs]
     styles = [next(n for n, (least, _, _) in enumerate(STYLES) if match.confidence >= least) for match in matches]
     crowded = len(matches) > CROWD
     panels, labels = [], []
-    for k, (image, polygons) in enumerate(((left, left_polygons), (right, right_polygons))):
-        size, scale = panel_sizes[k], np.array(panel_sizes[k]) / full[k]
+    for k, (frame, polygons) in enumerate(zip(frames, (left.polygons, right.polygons), strict=True)):
         matched = [
-            region_of(pair[k], scale, size, areas[n], colors[n], str(matches[n].id), STYLES[styles[n]][1])
+            region_of(pair[k], frame, areas[n], colors[n], str(matches[n].id), STYLES[styles[n]][1])
             for n, pair in enumerate(pairs)
         ]
         used = {pair[k].id for pair in pairs}
-        others = [ring for p in polygons if p.id not in used for ring in rings_of(p, scale)]
-        panel, text = _panel(image, size, matched, others, len(polygons) - len(used), ("left", "right")[k], crowded)
+        others = [ring for p in polygons if p.id not in used for ring in rings_of(p, frame.scale)]
+        panel, text = _panel(frame, matched, others, len(polygons) - len(used), crowded)
         panels.append(panel)
         labels.append(text)
     if crowded:
@@ -111,7 +102,7 @@ def overlay(
         labels = [[label for label in side if label.text in both] for side in labels]
     panels = [write(panel, side) for panel, side in zip(panels, labels, strict=True)]
     count = f"{len(matches)} {'match' if len(matches) == 1 else 'matches'}"
-    title = f"{count} of {len(left_polygons)} left and {len(right_polygons)} right polygons"
+    title = f"{count} of {len(left.polygons)} left and {len(right.polygons)} right polygons"
     where = ", where there is room" if crowded else ""
     remark = f"same colour: the same surface      number: the match's id{where}      thin pale outline: not matched"
     counts = Counter(styles)
@@ -120,36 +111,26 @@ def overlay(
 
 
 def unmatched(
-    left: Image,
-    right: Image,
-    left_polygons: Sequence[Polygon],
-    right_polygons: Sequence[Polygon],
-    matches: Sequence[PolygonMatch],
-    reasons: tuple[Mapping[int, str], Mapping[int, str]],
-    max_width: int = 2400,
-    sizes: Sizes | None = None,
+    left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch], max_width: int = 2400
 ) -> Pixels:
     """(h, w, 3) uint8 RGB: the picture beside `overlay`. Polygons without a partner, coloured by the reason why.
 
-    reasons: polygon id -> reason, left and right. Polygons carry their own ids; matched ones have a thin pale outline.
-    Layout and the other arguments are those of `overlay`.
+    Polygons carry their own ids; matched ones have a thin pale outline. Layout and arguments are those of `overlay`.
     """
-    full = sizes or ((left.width, left.height), (right.width, right.height))
-    panel_sizes, stacked = _layout((left.width, left.height), (right.width, right.height), max_width)
+    frames, stacked = _frames(left, right, max_width)
     used = {match.left for match in matches}, {match.right for match in matches}
-    sides = (left, left_polygons, "left"), (right, right_polygons, "right")
-    alone = [[p for p in polygons if p.id not in used[k]] for k, (_, polygons, _) in enumerate(sides)]
-    why = [[reasons[k].get(p.id, UNKNOWN) for p in side] for k, side in enumerate(alone)]
+    sides = left, right
+    alone = [[p for p in side.polygons if p.id not in used[k]] for k, side in enumerate(sides)]
+    why = [[sides[k].unmatched.get(p.id, UNKNOWN) for p in polygons] for k, polygons in enumerate(alone)]
     crowded = max(map(len, alone)) > CROWD
     panels = []
-    for k, (image, polygons, name) in enumerate(sides):
-        size, scale = panel_sizes[k], np.array(panel_sizes[k]) / full[k]
+    for k, frame in enumerate(frames):
         found = [
-            region_of(p, scale, size, share(p, full[k]), REASONS.get(reason, OTHER_REASON), str(p.id))
+            region_of(p, frame, share(p, frame.full), REASONS.get(reason, OTHER_REASON), str(p.id))
             for p, reason in zip(alone[k], why[k], strict=True)
         ]
-        others = [ring for p in polygons if p.id in used[k] for ring in rings_of(p, scale)]
-        panels.append(write(*_panel(image, size, found, others, len(used[k]), name, crowded)))
+        others = [ring for p in sides[k].polygons if p.id in used[k] for ring in rings_of(p, frame.scale)]
+        panels.append(write(*_panel(frame, found, others, len(used[k]), crowded)))
     counts = Counter(why[0]), Counter(why[1])
     order = [*(name for name in REASONS if name in counts[0] | counts[1])]
     order += sorted((counts[0] | counts[1]).keys() - REASONS.keys())
@@ -157,7 +138,7 @@ def unmatched(
         _Key(f"{name}: {counts[0][name]} left, {counts[1][name]} right", REASONS.get(name, OTHER_REASON))
         for name in order
     ]
-    title = f"{len(alone[0])} of {len(left_polygons)} left and {len(alone[1])} of {len(right_polygons)} right polygons "
+    title = f"{len(alone[0])} of {len(left.polygons)} left and {len(alone[1])} of {len(right.polygons)} right polygons "
     return _assemble(
         panels,
         stacked,
@@ -166,6 +147,20 @@ def unmatched(
         "reason",
         keys,
     )
+
+
+def _frames(left: ImagePolygons, right: ImagePolygons, max_side: int) -> tuple[list[PanelFrame], bool]:
+    """Both photographs in their places, and whether these are stacked."""
+    if left.image is None or right.image is None:
+        raise InputError("a photograph without its pixels cannot be drawn: give its `image`")
+    images = left.image, right.image
+    (a, b), (c, d) = ((image.width, image.height) for image in images)
+    sizes, stacked = _layout((a, b), (c, d), max_side)
+    frames = [
+        PanelFrame(name, image, (side.width, side.height), size)
+        for name, image, side, size in zip(SIDES, images, (left, right), sizes, strict=True)
+    ]
+    return frames, stacked
 
 
 def _layout(
@@ -194,18 +189,12 @@ def _places(polygons: Sequence[Polygon]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _panel(
-    image: Image,
-    size: Size,
-    regions: Sequence[PanelRegion],
-    others: Sequence[Ring],
-    count: int,
-    name: str,
-    crowded: bool,
+    frame: PanelFrame, regions: Sequence[PanelRegion], others: Sequence[Ring], count: int, crowded: bool
 ) -> tuple[Pixels, list[Label]]:
     """A photograph with its regions, small ones on top, and the labels that are still to be written on it."""
     order = sorted(regions, key=lambda region: -region.area)
-    panel, masks, owner = painted(image, size, order, others, count, crowded)
-    return panel, labels_of(order, masks, owner, name, crowded)
+    panel, masks, owner = painted(frame, order, others, count, crowded)
+    return panel, labels_of(order, masks, owner, frame.name, crowded)
 
 
 def _assemble(

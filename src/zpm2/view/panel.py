@@ -30,6 +30,21 @@ PALE = (214, 214, 214)
 
 
 @dataclass(frozen=True)
+class PanelFrame:
+    """A photograph and its place in a picture."""
+
+    name: str
+    image: Image  # of any size
+    full: tuple[int, int]  # width, height px of the photograph, which coordinates of polygons are in
+    size: tuple[int, int]  # width, height px of the panel
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """(2,) panel px per px of the photograph."""
+        return np.array(self.size) / self.full
+
+
+@dataclass(frozen=True)
 class PanelRegion:
     """A polygon on its panel."""
 
@@ -77,23 +92,22 @@ def rings_of(polygon: Polygon, scale: NDArray[np.float64]) -> list[NDArray[np.in
 
 def region_of(
     polygon: Polygon,
-    scale: NDArray[np.float64],
-    size: tuple[int, int],
+    frame: PanelFrame,
     area: float,
     color: Color,
     label: str,
     dash: tuple[float, float] = SOLID,
 ) -> PanelRegion:
-    """A polygon on a panel of `size` px, at `scale` panel px per px."""
-    low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, size).astype(int)
-    high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, size).astype(int)
+    """A polygon on the panel of its photograph; for the rest see `PanelRegion`."""
+    scale = frame.scale
+    low = np.clip(np.floor(polygon.exterior.min(0) * scale), 0, frame.size).astype(int)
+    high = np.clip(np.ceil(polygon.exterior.max(0) * scale) + 1, 0, frame.size).astype(int)
     box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
     return PanelRegion(rings_of(polygon, scale), box, area, color, label, dash)
 
 
 def painted(
-    image: Image,
-    size: tuple[int, int],
+    frame: PanelFrame,
     order: Sequence[PanelRegion],
     others: Sequence[NDArray[np.int32]],
     count: int,
@@ -104,8 +118,8 @@ def painted(
     A pixel has the colour of one region over the photograph, of the uppermost that covers it: colours never mix. Also,
     for each region the mask of its box, and (h, w) the uppermost region of each pixel, -1 for none.
     """
-    shrink = size[0] < image.width
-    rgb = cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA if shrink else cv2.INTER_CUBIC)
+    shrink = frame.size[0] < frame.image.width
+    rgb = cv2.resize(frame.image.rgb, frame.size, interpolation=cv2.INTER_AREA if shrink else cv2.INTER_CUBIC)
     gray = cv2.cvtColor(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     panel = cv2.addWeighted(rgb, 0.35, gray, 0.5, 0)
     owner = np.full(panel.shape[:2], -1, np.int32)

@@ -1,13 +1,13 @@
 """The pictures of a result, from its photographs and polygons."""
 
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import RasterConfig
 from zpm2.formats.registry import PairResult
-from zpm2.model import SIDES, Image, ImagePolygons, Polygon
+from zpm2.model import SIDES, ImagePolygons, Polygon
 from zpm2.photos.reopen import pixels, reopened
 from zpm2.photos.source import Source
 from zpm2.view.contact import Crop, contact_sheet, crop_window
@@ -20,13 +20,12 @@ CROP = 300  # px, the longest side at which a crop for the contact sheet is read
 
 def overlay(result: PairResult, config: RasterConfig, max_width: int) -> Pixels:
     """(h, w, 3) both photographs with matched polygons in the same colour and the same number."""
-    return draw_overlay(*_shown(result, config, max_width), result.matches, max_width, _sizes(result))
+    return draw_overlay(*_shown(result, config, max_width), result.matches, max_width)
 
 
 def unmatched(result: PairResult, config: RasterConfig, max_width: int) -> Pixels:
     """(h, w, 3) both photographs with the polygons that have no partner, coloured by why."""
-    reasons: tuple[Mapping[int, str], Mapping[int, str]] = result.left.unmatched, result.right.unmatched
-    return draw_unmatched(*_shown(result, config, max_width), result.matches, reasons, max_width, _sizes(result))
+    return draw_unmatched(*_shown(result, config, max_width), result.matches, max_width)
 
 
 def sheet(result: PairResult, config: RasterConfig, count: int, seed: int) -> Pixels:
@@ -43,28 +42,25 @@ def sheet(result: PairResult, config: RasterConfig, count: int, seed: int) -> Pi
 
 
 def all_pictures(result: PairResult, config: RasterConfig, max_width: int, count: int) -> dict[str, Pixels]:
-    """Those that are saved with a result, by file name; the contact sheet only of photographs shown reduced."""
+    """Those that are saved with a result, by file name; the contact sheet only of photographs shown reduced. Each
+    photograph is read once for both pictures of the whole, and again by windows for the contact sheet."""
+    shown = _shown(result, config, max_width)
     found = {
-        "overlay.png": overlay(result, config, max_width),
-        "unmatched.png": unmatched(result, config, max_width),
+        "overlay.png": draw_overlay(*shown, result.matches, max_width),
+        "unmatched.png": draw_unmatched(*shown, result.matches, max_width),
     }
     if any(side.image is not None and side.image.width < side.width for side in (result.left, result.right)):
         found["contact.png"] = sheet(result, config, count, 0)
     return found
 
 
-def _shown(
-    result: PairResult, config: RasterConfig, longest: int
-) -> tuple[Image, Image, Sequence[Polygon], Sequence[Polygon]]:
-    """The photographs, `longest` px or more, and their polygons."""
+def _shown(result: PairResult, config: RasterConfig, longest: int) -> tuple[ImagePolygons, ImagePolygons]:
+    """Both sides with their photographs, `longest` px or more."""
     left, right = (
-        pixels(side, name, config, longest) for name, side in zip(SIDES, (result.left, result.right), strict=True)
+        replace(side, image=pixels(side, name, config, longest))
+        for name, side in zip(SIDES, (result.left, result.right), strict=True)
     )
-    return left, right, result.left.polygons, result.right.polygons
-
-
-def _sizes(result: PairResult) -> tuple[tuple[int, int], tuple[int, int]]:
-    return (result.left.width, result.left.height), (result.right.width, result.right.height)
+    return left, right
 
 
 def _crop(source: Source, side: ImagePolygons, polygon: Polygon) -> Crop:
