@@ -4,7 +4,7 @@ Points are (n, 2) float64 image px with pixel centres at +0.5; F and H are in th
 = 0 and p_right ~ H p_left. OpenCV's estimators work for any origin, so points need no shift.
 """
 
-from typing import Any
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from zpm2.errors import Failed
 
 Array = NDArray[np.float64]
+Estimator = Callable[[Array, Array, "cv2.UsacParams"], tuple[Array | None, NDArray[np.uint8] | None]]
 HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0
 
 
@@ -134,7 +135,13 @@ def homography(left: Array, right: Array, threshold: float, seed: int = 0) -> tu
     if len(left) < 6:
         return Failed(f"a homography needs 6 homologous points, there are {len(left)}")
     matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed)
-    if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9 or not matrix[2, 2]:
+    if (
+        matrix is None
+        or mask is None
+        or not np.isfinite(matrix).all()
+        or abs(np.linalg.det(matrix)) < 1e-9
+        or not matrix[2, 2]
+    ):
         return Failed("no homography fits the homologous points")
     inliers = mask.ravel().astype(bool)
     if inliers.sum() < 6:
@@ -150,11 +157,11 @@ def essential_matrix(
     By the five-point algorithm in MAGSAC++. Homologous rays (n, 2) are x / z, y / z of each camera, `threshold` is in
     the same units (px / focal length).
     """
-    find: Any = cv2.findEssentialMat
     matrix, mask = _usac(
-        lambda a, b, params: find(a, b, np.eye(3), np.eye(3), None, None, params), left, right, threshold, seed
+        lambda a, b, params: cv2.findEssentialMat(a, b, np.eye(3), np.eye(3), None, None, params),
+        *(left, right, threshold, seed),
     )
-    if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
+    if matrix is None or mask is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no essential matrix fits the homologous points")
     return matrix[:3], mask.ravel().astype(bool)
 
@@ -191,7 +198,9 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _usac(estimate: Any, left: Array, right: Array, threshold: float, seed: int) -> tuple[Any, Any]:
+def _usac(
+    estimate: Estimator, left: Array, right: Array, threshold: float, seed: int
+) -> tuple[Array | None, NDArray[np.uint8] | None]:
     """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
     # confidence, iterations and samples are above OpenCV's defaults: pairs have many wrong points
     params = cv2.UsacParams()

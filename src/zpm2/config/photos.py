@@ -3,19 +3,19 @@
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from zpm2.config.fields import number, option, share
 from zpm2.config.parse import overlay
 from zpm2.errors import ConfigError
 
 
-def _bands(name: str, value: Any) -> None:
+def _bands(name: str, value: tuple[int, ...]) -> None:
     if len(value) not in (0, 1, 3) or min(value, default=1) < 1:
         raise ConfigError(f"{name} are one or three band numbers from 1 on, got {','.join(map(str, value))}")
 
 
-def _gsd(name: str, value: Any) -> None:
+def _gsd(name: str, value: tuple[float, ...]) -> None:
     if len(value) > 2 or min(value, default=1) <= 0:
         raise ConfigError(f"{name} is one number of m per px above 0, or two (left, right)")
 
@@ -57,13 +57,12 @@ class RasterConfig:
     stretch: StretchConfig = field(default_factory=StretchConfig)
 
     @staticmethod
-    def of_result(config: Mapping[str, Any]) -> "RasterConfig":
+    def of_result(config: Mapping[str, object]) -> "RasterConfig":
         """How the photographs of a saved result were read, by its configuration; the defaults where it lacks this."""
         stored = config.get("raster")
         values = stored if isinstance(stored, Mapping) else {}
         names = {item.name for item in dataclasses.fields(RasterConfig)} & values.keys()
-        made: RasterConfig = overlay(RasterConfig(), {name: values[name] for name in names})
-        return made
+        return overlay(RasterConfig(), {name: values[name] for name in names})
 
 
 @dataclass(frozen=True)

@@ -101,12 +101,12 @@ def unpack_gzip(path: Path) -> bytes:
     return content
 
 
-def read_array(path: Path) -> NDArray[Any]:
+def read_array(path: Path) -> NDArray[np.generic]:
     """The array of an .npy file, read-only."""
     return _array(read_bytes(path))
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path) -> dict[str, NDArray[np.generic]]:
     """The arrays of an .npz file by name, read-only; together they may have `MAX_UNPACKED_BYTES` bytes."""
     content = read_bytes(path)
     try:
@@ -120,7 +120,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise ValueError("it is damaged or no .npz file") from error
 
 
-def _array(content: bytes) -> NDArray[Any]:
+def _array(content: bytes) -> NDArray[np.generic]:
     """An array as `numpy.save` writes it, without a copy."""
     stream = io.BytesIO(content)
     try:

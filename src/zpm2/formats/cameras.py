@@ -1,12 +1,11 @@
 """Cameras as data sets and programs write them, converted to ours: pixel centres at +0.5, X_cam = R X_world + t."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zpm2.errors import InputError
 from zpm2.files.listing import existing, text
@@ -58,7 +57,7 @@ def decompose(projection: Array) -> tuple[Array, Array]:
     return upper / upper[2, 2], camera
 
 
-def matrix(values: Any, shape: tuple[int, int], what: str) -> Array:
+def matrix(values: ArrayLike, shape: tuple[int, int], what: str) -> Array:
     """`values` (nested or flat) as a float64 array of `shape`; `InputError` calls it `what`."""
     try:
         array = np.array(values, np.float64).reshape(shape)
@@ -69,7 +68,7 @@ def matrix(values: Any, shape: tuple[int, int], what: str) -> Array:
     return array
 
 
-def rigid(values: Any, what: str) -> Array:
+def rigid(values: ArrayLike, what: str) -> Array:
     """`values` as a 4 x 4 rotation and translation, rotation right to 1e-3; `InputError` calls it `what`."""
     pose = matrix(values, (4, 4), what)
     rotation = pose[:3, :3]
@@ -80,7 +79,7 @@ def rigid(values: Any, what: str) -> Array:
     return pose
 
 
-def calibration(values: Any, what: str) -> Array:
+def calibration(values: ArrayLike, what: str) -> Array:
     """`values` as a 3 x 3 K (last row 0 0 1, focal lengths positive); `InputError` calls it `what`."""
     k = matrix(values, (3, 3), what)
     if not np.allclose(k[2], (0, 0, 1)) or not (k[[0, 1], [0, 1]] > 1 / MAX_NUMBER).all():
@@ -104,7 +103,7 @@ def text_matrix(path: Path) -> Array:
     return values.reshape(4, 4)
 
 
-def archive(path: Path) -> dict[str, Any]:
+def archive(path: Path) -> dict[str, NDArray[np.generic]]:
     """The arrays of an .npz file by name."""
     try:
         return read_arrays(existing(path))
@@ -122,7 +121,7 @@ def mvsnet(path: Path) -> tuple[Array, Array]:
     return calibration(numbers(words[18:27], path), f"intrinsic of {path}"), pose
 
 
-def idr(worlds: dict[str, Array], index: int, file: Path) -> tuple[Array, Array]:
+def idr(worlds: Mapping[str, NDArray[np.generic]], index: int, file: Path) -> tuple[Array, Array]:
     """K and world-to-camera of world_mat_<index> of a cameras.npz of IDR or NeuS. Pixel centres stay at 0."""
     if f"world_mat_{index}" not in worlds:
         raise InputError(f"{file} has no world_mat_{index}: complete the download")

@@ -1,7 +1,6 @@
 """Polygons of one photograph as COCO annotations with compressed run lengths, made without a mask of its size."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ def coco(
     width: int,
     height: int,
     unmatched: Mapping[int, str] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The polygons of an image of `width` x `height` px as a COCO object, ready for JSON and for pycocotools.
 
     `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; what of a mask lies
@@ -61,7 +60,7 @@ def _category(polygon: Polygon) -> str:
     return REGION if polygon.label is None else polygon.label
 
 
-def _region(mask: Mask, width: int, height: int) -> dict[str, Any]:
+def _region(mask: Mask, width: int, height: int) -> dict[str, object]:
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     bits = mask.bits[top : max(0, height - mask.y0), left : max(0, width - mask.x0)]
     x0, y0 = mask.x0 + left, mask.y0 + top

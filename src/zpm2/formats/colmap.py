@@ -1,11 +1,12 @@
 """COLMAP's files: cameras and poses in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from zpm2.files.listing import text
 from zpm2.files.record import refuse_foreign
 from zpm2.formats import colmap_binary as _binary
 from zpm2.model import Camera, PosedCamera
+
+if TYPE_CHECKING:
+    import pycolmap
 
 Array = NDArray[np.float64]
 
@@ -30,7 +34,7 @@ _MODELS: dict[str, Callable[..., tuple[float, ...]]] = {
 }
 
 
-def require_pycolmap() -> Any:
+def require_pycolmap() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import pycolmap
@@ -55,7 +59,7 @@ def colmap_can(what: str) -> Iterator[None]:
         raise InputError(f"COLMAP cannot {what}: {said}") from error
 
 
-def open_model(folder: Path) -> Any:
+def open_model(folder: Path) -> "pycolmap.Reconstruction":
     """The pycolmap.Reconstruction of a model that a run of ours wrote into its claimed folder.
 
     pycolmap believes the counts in a model's files, of which seventy bytes take gigabytes: only files are opened that
@@ -67,7 +71,7 @@ def open_model(folder: Path) -> Any:
         return require_pycolmap().Reconstruction(str(folder))
 
 
-def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Camera:
+def camera(model: str, size: tuple[int, int], parameters: Iterable[float], what: str) -> Camera:
     """A camera of one of COLMAP's models; `InputError`, which calls it `what`, for fisheyes and other foreign ones."""
     if model not in _MODELS:
         raise InputError(
@@ -81,7 +85,7 @@ def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Cam
     return Camera(matrix, size, values[4:])
 
 
-def to_pycolmap(camera: Camera, key: int) -> Any:
+def to_pycolmap(camera: Camera, key: int) -> "pycolmap.Camera":
     """A pycolmap.Camera with an id: PINHOLE, OPENCV or FULL_OPENCV."""
     pycolmap = require_pycolmap()
     fx, fy, cx, cy = camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]

@@ -7,7 +7,6 @@ The other files (points3D.bin, rigs.bin, frames.bin) are not needed for cameras 
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from zpm2.files.reading import read_bytes
 
@@ -42,9 +41,14 @@ class _Bytes:
     def __init__(self, path: Path) -> None:
         self.content, self.place = read_bytes(path), 0
 
-    def values(self, kinds: str) -> tuple[Any, ...]:
+    def integers(self, kinds: str) -> tuple[int, ...]:
+        """The next numbers, of these kinds (`struct`)."""
         start = self.skip(struct.calcsize("<" + kinds))
         return struct.unpack_from("<" + kinds, self.content, start)
+
+    def floats(self, count: int) -> tuple[float, ...]:
+        """The next `count` doubles."""
+        return struct.unpack_from(f"<{count}d", self.content, self.skip(8 * count))
 
     def skip(self, size: int) -> int:
         """The byte from which `size` bytes are left behind."""
@@ -64,10 +68,10 @@ class _Bytes:
 
     def count(self, least: int) -> int:
         """The number of records of at least `least` bytes that follow."""
-        (number,) = self.values("Q")
+        (number,) = self.integers("Q")
         if self.place + number * least > len(self.content):
             raise ValueError(CUT)
-        return int(number)
+        return number
 
 
 def cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], tuple[float, ...]]]:
@@ -75,11 +79,11 @@ def cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], tuple[float
     it."""
     file = _Bytes(path)
     for _ in range(file.count(24)):
-        key, number, width, height = file.values("IiQQ")
+        key, number, width, height = file.integers("IiQQ")
         if number not in MODELS:
             raise ValueError(f"camera {key} is of a camera model that COLMAP numbers {number}, which is not known")
         model, count = MODELS[number]
-        yield key, model, (width, height), file.values(f"{count}d")
+        yield key, model, (width, height), file.floats(count)
 
 
 def images(path: Path) -> Iterator[tuple[str, int, tuple[float, ...], tuple[float, ...]]]:
@@ -88,7 +92,9 @@ def images(path: Path) -> Iterator[tuple[str, int, tuple[float, ...], tuple[floa
     Errors as for `cameras`."""
     file = _Bytes(path)
     for _ in range(file.count(73)):
-        _, w, x, y, z, *shift, camera = file.values("I7dI")
+        file.integers("I")  # its id
+        turn, shift = file.floats(4), file.floats(3)
+        (camera,) = file.integers("I")
         name = file.name()
         file.skip(file.count(POINT) * POINT)
-        yield name, camera, (w, x, y, z), tuple(shift)
+        yield name, camera, turn, shift

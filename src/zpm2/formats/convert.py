@@ -10,12 +10,16 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from operator import index
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 T = TypeVar("T")
-Members = dict[str, Any]  # of a JSON object
+Members = dict[str, Any]  # of a JSON object: what a file says, of which nothing is known
+Reader = Callable[[Any], object]  # a JSON value -> the value of a field; raises for one of another type
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +44,7 @@ class _Plan:
 
     kind: type
     layout: Layout
-    read_as: Callable[[Any, tuple[int, ...] | None], Callable[[Any], Any]]
+    read_as: Callable[[object, tuple[int, ...] | None], Reader]
 
     @cached_property
     def fields(self) -> list[tuple[str, str]]:
@@ -49,7 +53,7 @@ class _Plan:
         return [(name, self.layout.names.get(name, name)) for name in names]
 
     @cached_property
-    def readers(self) -> dict[str, Callable[[Any], Any]]:
+    def readers(self) -> dict[str, Reader]:
         """By field."""
         hints = typing.get_type_hints(self.kind)
         return {name: self.read_as(hints[name], self.layout.shapes.get(name)) for name, _ in self.fields}
@@ -62,8 +66,22 @@ class Converter:
         self.layouts = layouts
         self._plans: dict[type, _Plan] = {}
 
-    def to_plain(self, value: Any, decimals: int | None = None) -> Any:
-        """A value as JSON has it: dataclasses as objects, arrays as nested lists."""
+    def to_plain(self, value: "DataclassInstance") -> Members:
+        """A dataclass as a JSON object; dataclasses in it are objects too, arrays nested lists."""
+        plan = self._plan(type(value))
+        layout, members = plan.layout, Members()
+        for name, member in plan.fields:
+            held = getattr(value, name)
+            if name in layout.sparse and (held is None or not len(held)):
+                continue
+            members[member] = self._value(held, layout.decimals.get(name))
+        if layout.fold is not None:
+            members = layout.fold(value, members)
+        first = {name: members[name] for name in layout.order if name in members}
+        return first | members
+
+    def _value(self, value: object, decimals: int | None = None) -> object:
+        """What a field holds, as JSON has it."""
         if value is None or isinstance(value, str | int | float):
             return value
         if isinstance(value, np.ndarray):
@@ -71,22 +89,12 @@ class Converter:
         if isinstance(value, Mapping):
             return dict(value)
         if isinstance(value, list | tuple):
-            return [self.to_plain(item) for item in value]
-        if not dataclasses.is_dataclass(value):
-            return value  # JSON by itself, or none at all
-        plan = self._plan(type(value))
-        layout, members = plan.layout, Members()
-        for name, member in plan.fields:
-            held = getattr(value, name)
-            if name in layout.sparse and (held is None or not len(held)):
-                continue
-            members[member] = self.to_plain(held, layout.decimals.get(name))
-        if layout.fold is not None:
-            members = layout.fold(value, members)
-        first = {name: members[name] for name in layout.order if name in members}
-        return first | members
+            return [self._value(item) for item in value]
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return self.to_plain(value)
+        return value  # JSON by itself, or none at all
 
-    def from_plain(self, kind: type[T], members: Mapping[str, Any]) -> T:
+    def from_plain(self, kind: type[T], members: Members) -> T:
         """The dataclass that `to_plain` wrote. `LookupError`, `TypeError` or `ValueError` for members that are missing
         or of another type."""
         plan = self._plan(kind)
@@ -109,7 +117,7 @@ class Converter:
             self._plans[kind] = _Plan(kind, self.layouts.get(kind, Layout()), self._reader)
         return self._plans[kind]
 
-    def _reader(self, hint: Any, shape: tuple[int, ...] | None = None) -> Callable[[Any], Any]:
+    def _reader(self, hint: object, shape: tuple[int, ...] | None = None) -> Reader:
         """Reads a value of a type hint."""
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin in (types.UnionType, typing.Union):
@@ -134,34 +142,38 @@ class Converter:
             return _text
         return _SCALARS.get(hint, _unchanged)
 
-    def _union_reader(self, kinds: Sequence[Any], shape: tuple[int, ...] | None) -> Callable[[Any], Any]:
+    def _union_reader(self, kinds: Sequence[object], shape: tuple[int, ...] | None) -> Reader:
         """`unfold` may have put an object of one of the classes in the place of null."""
-        done: Any = tuple(kind for kind in kinds if kind is type(None) or dataclasses.is_dataclass(kind))
+        done = tuple(kind for kind in kinds if isinstance(kind, type) and _is_made(kind))
         (other,) = (kind for kind in kinds if kind not in done)
         read = self._reader(other, shape)
         return lambda value: value if isinstance(value, done) else read(value)
 
 
-def _unchanged(value: Any) -> Any:
+def _is_made(kind: type) -> bool:
+    return kind is type(None) or dataclasses.is_dataclass(kind)
+
+
+def _unchanged(value: object) -> object:
     return value
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError(f"{value!r:.40} is no number")
     return value
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{value!r:.40} is no text")
     return value
 
 
-def _truth(value: Any) -> bool:
+def _truth(value: object) -> bool:
     if not isinstance(value, bool):
         raise TypeError(f"{value!r:.40} is neither true nor false")
     return value
 
 
-_SCALARS: Mapping[Any, Callable[[Any], Any]] = {int: index, float: _number, str: _text, bool: _truth}
+_SCALARS: Mapping[object, Reader] = {int: index, float: _number, str: _text, bool: _truth}

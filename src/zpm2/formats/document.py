@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,10 +78,5 @@ LAYOUTS: Mapping[type, Layout] = {
 _CONVERTER = Converter(LAYOUTS)
 
 
-def to_plain(value: ImagePolygons | PointMatches | PolygonMatch) -> dict[str, Any]:
-    """A part of `matches.json`."""
-    plain: dict[str, Any] = _CONVERTER.to_plain(value)
-    return plain
-
-
+to_plain = _CONVERTER.to_plain
 from_plain = _CONVERTER.from_plain

@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ class Feature:
     source_id: str | None  # the file's as text
     score: float
     label: str | None
-    properties: dict[str, Any]  # all others
+    properties: dict[str, object]  # all others
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,7 @@ def feature_collection(
     width: int,
     height: int,
     unmatched: Mapping[int, str] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The polygons of an image of `width` x `height` px as a GeoJSON FeatureCollection in image px.
 
     `match_of` gives its match, `unmatched` why it has none, by polygon id. GeoJSON knows geographic coordinates only,
@@ -69,35 +68,40 @@ def feature_collection(
     }
 
 
-def write(path: str | Path, collection: Mapping[str, Any]) -> Path:
+def write(path: str | Path, collection: Mapping[str, object]) -> Path:
     """Writes a GeoJSON object, one feature a line, whole or not at all. Coordinates keep every bit."""
     members = [
-        f"{json.dumps(name)}: {_dump(value) if name != 'features' else _lines(value)}"
+        f"{json.dumps(name)}: {_lines(value) if name == 'features' and isinstance(value, list) else _dump(value)}"
         for name, value in collection.items()
     ]
     return atomic_write(path, "{\n" + ",\n".join(members) + "\n}\n")
 
 
-def parse(data: Any, source: str) -> FeatureCollection:
+def parse(data: object, source: str) -> FeatureCollection:
     """The features of a parsed GeoJSON FeatureCollection; `source` names the file in messages.
 
     A feature's id stands beside its geometry or among its properties (`ID_NAMES`); "score" and "label" are properties.
     Raises `InputError` for what is no FeatureCollection, for a reference system (coordinates are to be px), for broken
     coordinates and for a wrong score.
     """
-    features = data.get("features") if isinstance(data, dict) else None
-    if not isinstance(features, list) or data.get("type") != "FeatureCollection":
+    if (
+        not isinstance(data, dict)
+        or data.get("type") != "FeatureCollection"
+        or not isinstance(features := data.get("features"), list)
+    ):
         raise InputError(f"{source} is no GeoJSON FeatureCollection: write its polygons as one")
-    _check_frame(data, source)
+    _check_frame([data, *features], source)
     ours = data.get("coordinate_frame") == FRAME
     parsed = [_parse_feature(feature, f"feature {k} of {source}", ours) for k, feature in enumerate(features)]
-    image = data.get("image") if isinstance(data.get("image"), dict) else {}
-    width, height, name = (image.get(member) for member in ("width", "height", "name"))
+    image = data.get("image")
+    width, height, name = (
+        image.get(member) if isinstance(image, dict) else None for member in ("width", "height", "name")
+    )
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
     return FeatureCollection(parsed, size, name if isinstance(name, str) else None)
 
 
-def ring(values: Any, name: str) -> NDArray[np.float64]:
+def ring(values: Sequence[Sequence[float]], name: str) -> NDArray[np.float64]:
     """(n, 2) float64 vertices of a list of positions (further numbers, as heights, are dropped), not repeated at the
     end. `InputError` where a position is no pair of finite numbers; `name` says whose ring it is."""
     try:
@@ -110,12 +114,11 @@ def ring(values: Any, name: str) -> NDArray[np.float64]:
     return vertices[:-1] if closed else vertices
 
 
-def score(value: Any, name: str) -> float:
+def score(value: object, name: str) -> float:
     """A quality 0..1 from a file: 1 where it has none, cut at 1. `InputError` beyond `HIGHEST_SCORE`."""
     if value is None:
         return 1.0
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0 <= value <= HIGHEST_SCORE:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= HIGHEST_SCORE:
         raise InputError(
             f"{name} has the score {value!r}: it must be a number from 0 to 1 (divide percentages by 100, or give what "
             "is no quality another name)"
@@ -123,7 +126,7 @@ def score(value: Any, name: str) -> float:
     return min(float(value), 1.0)
 
 
-def region_id(value: Any) -> int | None:
+def region_id(value: object) -> int | None:
     """A whole number that is not negative, also where it is written as text or as 12.0 (as some programs write ids)."""
     if isinstance(value, str) and value.isdecimal():
         return int(value)
@@ -132,7 +135,7 @@ def region_id(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
-def id_text(value: Any) -> str | None:
+def id_text(value: object) -> str | None:
     """An id of any kind as text; None where there is none."""
     if value is None or value == "":
         return None
@@ -140,12 +143,12 @@ def id_text(value: Any) -> str | None:
     return plain(value) if isinstance(value, str) else json.dumps(value if number is None else number)
 
 
-def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     """The properties of a polygon's feature: ours, and those that it was given with."""
     return {**polygon_properties(polygon, partner, unmatched), **prefixed(polygon.properties, OURS)}
 
 
-def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
     return {
         "type": "Feature",
@@ -155,17 +158,17 @@ def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | Non
     }
 
 
-def _dump(value: Any) -> str:
+def _dump(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _lines(features: Sequence[Any]) -> str:
+def _lines(features: list[object]) -> str:
     return "[\n" + ",\n".join(_dump(feature) for feature in features) + "\n]"
 
 
-def _check_frame(data: dict[str, Any], source: str) -> None:
+def _check_frame(holders: Sequence[object], source: str) -> None:
     """`InputError` where a collection, a feature or a geometry names a reference system (GeoJSON 2008)."""
-    for holder in (data, *data["features"]):
+    for holder in holders:
         geometry = holder.get("geometry") if isinstance(holder, dict) else None
         for member in (holder, geometry):
             crs = member.get("crs") if isinstance(member, dict) else None
@@ -178,7 +181,7 @@ def _check_frame(data: dict[str, Any], source: str) -> None:
                 )
 
 
-def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
+def _parse_feature(feature: object, name: str, ours: bool) -> Feature:
     """`ours`: of a file that `feature_collection` made."""
     if not isinstance(feature, dict):
         raise InputError(f"{name} is no GeoJSON feature: correct the file")
@@ -202,7 +205,7 @@ def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
     )
 
 
-def _own_id(feature: dict[str, Any], properties: dict[str, Any]) -> Any:
+def _own_id(feature: dict[str, object], properties: dict[str, object]) -> object:
     """The feature's id, or else the first property that is one."""
     if feature.get("id") is not None:
         return feature["id"]

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import shapely
@@ -42,10 +42,10 @@ _SETTING = threading.Lock()
 class _Table:
     """Columns of a layer: name -> (n,) values. Null is NaN, None, or where `nulls` (for integers) is true."""
 
-    columns: dict[str, NDArray[Any]]
+    columns: dict[str, NDArray[np.generic]]
     nulls: dict[str, NDArray[np.bool_]]
 
-    def with_properties(self, rows: Sequence[Mapping[str, Any]], driver: str) -> "_Table":
+    def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "_Table":
         """And the properties that its n polygons were given with, each in a column of its own, as many as fit.
 
         A name that is taken (formats do not tell upper from lower case) gets a prefix; where names are short, what is
@@ -66,7 +66,7 @@ class _Table:
         return _Table(columns, nulls)
 
 
-def property_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+def property_names(rows: Iterable[Mapping[str, object]]) -> list[str]:
     """The names of given properties, in the order in which they come."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
@@ -76,7 +76,7 @@ def _cut(name: str, end: str) -> str:
     return name.encode()[: 10 - len(end)].decode(errors="ignore") + end
 
 
-def require_pyogrio() -> Any:
+def require_pyogrio() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import pyogrio.raw
@@ -218,7 +218,7 @@ def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
     )
 
 
-def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def _column(values: Sequence[object]) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
     """(n,) JSON values of any kinds in one type, and (n,) which of them are null."""
     null = np.array([value is None for value in values], bool)
     kinds = {type(value) for value in values if value is not None}
@@ -226,9 +226,10 @@ def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         return np.array([bool(value) for value in values], bool), null
     fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
     if kinds == {int} and fit:
-        return _integers(values)
+        return _integers([value for value in values if isinstance(value, int | None)])
     if kinds in ({float}, {int, float}) and fit:
-        return np.array([np.nan if value is None else float(value) for value in values], np.float64), null
+        numbers = [np.nan if value is None else value for value in values if isinstance(value, int | float | None)]
+        return np.array(numbers, np.float64), null
     texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
     return np.array(texts, object), null
 
@@ -273,7 +274,7 @@ def _write(
 
 
 @contextlib.contextmanager
-def _undated(pyogrio: Any) -> Iterator[None]:
+def _undated(pyogrio: ModuleType) -> Iterator[None]:
     """GDAL writes `EPOCH` for the time of writing, so that the same polygons give the same bytes, unless the user has
     told it another time. The setting is the process's, so one thread at a time makes it."""
     with _SETTING:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import shapely
@@ -77,7 +77,7 @@ def world_shapes(layer: Layer) -> NDArray[np.object_]:
     return np.asarray(shapely.from_ragged_array(polygon_type, closed, (offsets, first_ring)), object)
 
 
-def feature_collection(layer: Layer) -> dict[str, Any]:
+def feature_collection(layer: Layer) -> dict[str, object]:
     """The layer as a GeoJSON FeatureCollection of RFC 7946: WGS 84 longitude and latitude in degrees, 8 decimals.
 
     The layer must have a CRS (`Layer.crs`); for others there is `formats.geojson`. "id" is the polygon's; properties
@@ -171,7 +171,7 @@ def square_meters(geo: Georeference) -> float | None:
     return abs(float(np.linalg.det(geo.transform[:, :2]))) * float(crs.linear_units_factor[1]) ** 2
 
 
-def _require_rasterio() -> Any:
+def _require_rasterio() -> ModuleType:
     try:
         import rasterio.crs
         import rasterio.warp

@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -84,11 +83,11 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
         raise InputError(
             f"map {path} has {width} x {height} px, its image {size[0]} x {size[1]} px: give the map of this image"
         )
-    found = np.array(found, np.float32, order="C")
-    found[~np.isfinite(found)] = np.nan
-    if not (np.nan_to_num(found) != 0).any():
+    values = np.array(found, np.float32, order="C")
+    values[~np.isfinite(values)] = np.nan
+    if not (np.nan_to_num(values) != 0).any():
         raise InputError(f"map {path} holds no known value, all of it is 0 or not finite: give another one")
-    return found
+    return values
 
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:
@@ -106,7 +105,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
     return rows[::-1]  # the bottom row comes first
 
 
-def _read_png(path: Path) -> NDArray[Any]:
+def _read_png(path: Path) -> NDArray[np.generic]:
     with PIL.Image.open(regular(path), formats=["PNG"]) as picture:
         check_length(*picture.size, "PNG", path, f"map {path}")
         check_memory(*picture.size, BYTES_PER_PX, f"map {path}")
@@ -115,8 +114,8 @@ def _read_png(path: Path) -> NDArray[Any]:
         return np.asarray(picture)
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
-    values: NDArray[Any] = read_array(path)
+def _read_npy(path: Path) -> NDArray[np.generic]:
+    values = read_array(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"map {path} holds {values.dtype} of shape {values.shape}: give numbers of shape (h, w)")
     return values

@@ -4,7 +4,6 @@ import re
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +129,7 @@ def _record(buffer: bytes, start: int, sizes: Sequence[tuple[int, str]]) -> tupl
     return start, offsets
 
 
-def _values(buffer: bytes, places: Indices, kind: str) -> NDArray[np.generic]:
+def _values(buffer: bytes, places: Indices, kind: str) -> NDArray[np.number]:
     """(n,) the numbers of one type that begin at some bytes."""
     size = np.dtype(kind).itemsize
     if len(places) and (places[0] < 0 or places[-1] + size > len(buffer)):
@@ -187,7 +186,7 @@ def _numbers(lines: Sequence[str]) -> tuple[Array, Indices]:
     return np.array([float(word) for word in " ".join(lines).split()]), lengths
 
 
-def _whole(numbers: NDArray[Any]) -> Indices:
+def _whole(numbers: NDArray[np.number]) -> Indices:
     """Numbers that count vertices."""
     if not (np.abs(numbers) < 2**53).all():
         raise ValueError("it has a face whose corners are no numbers of vertices: export it again")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import overload
 
 from zpm2.model import Counterpart, Polygon
 
@@ -15,7 +15,7 @@ OURS = frozenset(
 )
 
 
-def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     """Our properties: area in px^2, the partner's id, the match's id, ...; "source_id" of given regions only."""
     return {
         "area": polygon.area,
@@ -30,13 +30,13 @@ def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched:
     }
 
 
-def prefixed(properties: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+def prefixed(properties: Mapping[str, object], ours: Collection[str]) -> dict[str, object]:
     """Given properties, with a prefix where a name is one of `ours` (lower case), so that both fit into one table.
     `unprefixed` undoes it."""
     return {PREFIX + name if _taken(name, ours) else name: value for name, value in properties.items()}
 
 
-def unprefixed(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+def unprefixed(values: Mapping[str, object], ours: Collection[str]) -> dict[str, object]:
     """The given properties of a table, without the prefixes of `prefixed`."""
     own = {name: value for name, value in values.items() if name.lower() not in ours}
     cut = len(PREFIX)
@@ -46,7 +46,13 @@ def unprefixed(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, An
     }
 
 
-def plain(value: Any) -> Any:
+@overload
+def plain(value: str) -> str: ...
+@overload
+def plain(value: dict[str, object]) -> dict[str, object]: ...
+@overload
+def plain(value: object) -> object: ...
+def plain(value: object) -> object:
     """A JSON value that every format can hold: null for numbers that are not finite, "?" for lone surrogates."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None

@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import ConfigError, Failed
+from zpm2.formats.convert import Members
 from zpm2.model import ImagePolygons, PointMatches, PolygonMatch
 
 
@@ -41,9 +42,9 @@ class PairResult(Protocol):
     def homography(self) -> NDArray[np.float64] | Failed: ...
 
     @property
-    def config(self) -> Mapping[str, Any]: ...
+    def config(self) -> Mapping[str, object]: ...
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Members:
         """The content of `matches.json`."""
         ...
 

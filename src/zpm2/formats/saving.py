@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import registry
+from zpm2.formats.convert import Members
 from zpm2.formats.registry import PairResult
 from zpm2.model import SIDES
 
@@ -51,7 +51,7 @@ def save(
     return folder
 
 
-def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
+def read_document(path: str | Path, schema: str) -> tuple[Path, Members]:
     """The document of a folder (or the document itself): its path, and its content with the photographs' paths as they
     are now. `InputError` for a file that cannot be read or has another schema."""
     path = Path(path)

@@ -4,8 +4,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
+import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import memory
@@ -18,7 +19,7 @@ PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which each pixel takes some
 MAX_PER_BYTE = 8 * 1032  # px, of one bit, packed as well as deflate can
 
 
-def check(values: NDArray[Any], what: str) -> None:
+def check(values: NDArray[np.generic], what: str) -> None:
     """`InputError` for an array of a shape or type that is no photograph."""
     shape = " x ".join(map(str, values.shape))
     if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (1, 3, 4)):

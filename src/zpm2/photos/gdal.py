@@ -11,11 +11,15 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import regular
 from zpm2.photos import checks, jpeg2000, vrt
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
 
 CACHE_BYTES = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
@@ -49,7 +53,7 @@ class UnsupportedByGdal(InputError):
     """GDAL does not read this file or colour model; another library may."""
 
 
-def require_rasterio() -> Any:
+def require_rasterio() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import rasterio
@@ -59,7 +63,7 @@ def require_rasterio() -> Any:
     return rasterio
 
 
-def open_file(path: str | Path, what: str) -> Any:
+def open_file(path: str | Path, what: str) -> "DatasetReader":
     """rasterio's dataset of a file, or of one page of a TIFF (`GTIFF_DIR:2:a.tif`). All that GDAL opens for us is
     opened here.
 
@@ -192,7 +196,7 @@ def _refuse_redirected(path: Path, driver: str, what: str) -> None:
         _refuse_overviews_elsewhere(dataset, what)
 
 
-def _refuse_overviews_elsewhere(dataset: Any, what: str) -> None:
+def _refuse_overviews_elsewhere(dataset: "DatasetReader", what: str) -> None:
     """`InputError` for a file whose metadata name another one for its overviews, which can be anything anywhere."""
     if dataset.tags(ns="OVERVIEWS"):
         raise InputError(f"{what} names other files for its overviews: convert it first (gdal_translate)")

@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from zpm2.errors import MissingDependency
 from zpm2.model import Georeference
 from zpm2.model.messages import Note
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
+    from rasterio.rpc import RPC
 
 Array = NDArray[np.float64]
 RPC_REACH = 2.0  # how far from their centre RPCs are believed, in units of their own scale
@@ -28,7 +33,7 @@ class Geolocator(Protocol):
 class TransformGeolocator:
     """By a reference system, in rasterio's terms, and the map into it."""
 
-    def __init__(self, crs: Any, geo: Georeference) -> None:
+    def __init__(self, crs: "CRS", geo: Georeference) -> None:
         self._crs, self._geo = crs, geo
 
     def to_lon_lat(self, points: Array) -> Array:
@@ -41,7 +46,7 @@ class TransformGeolocator:
 class RpcGeolocator:
     """By rational polynomial coefficients, on the surface of their mean height."""
 
-    def __init__(self, rpcs: Any) -> None:
+    def __init__(self, rpcs: "RPC") -> None:
         self._rpcs = rpcs
         self._center = np.array([rpcs.long_off, rpcs.lat_off])
         self._reach = RPC_REACH * np.array([rpcs.long_scale, rpcs.lat_scale])
@@ -77,7 +82,7 @@ class RpcGeolocator:
 
 
 def place_of(
-    source: Any, width: int, height: int, gsd: float | None, notes: list[str]
+    source: "DatasetReader", width: int, height: int, gsd: float | None, notes: list[str]
 ) -> tuple[Geolocator | None, Georeference]:
     """How pixels get to longitude and latitude, and what is known of that for the results."""
     affine = source.transform
@@ -116,14 +121,14 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
         return None
 
 
-def _crs_text(crs: Any) -> str | None:
+def _crs_text(crs: "CRS | None") -> str | None:
     if not crs:
         return None
     code = crs.to_epsg()
     return crs.to_wkt() if code is None else f"EPSG:{code}"
 
 
-def _rpcs(source: Any) -> Any:
+def _rpcs(source: "DatasetReader") -> "RPC | None":
     try:
         return source.rpcs or None
     except (KeyError, ValueError):  # some are missing or no numbers
@@ -147,7 +152,7 @@ def _pixel_size(place: Geolocator, width: int, height: int) -> float | None:
     return math.sqrt(area) / (2 * step) if np.isfinite(area) and area > 0 else None
 
 
-def _warped(source: Any, target: Any, points: Array) -> Array:
+def _warped(source: "CRS | str", target: "CRS | str", points: Array) -> Array:
     """(n, 2) coordinates of one reference system -> (n, 2) of another, NaN where there are none."""
     from rasterio.warp import transform
 

@@ -4,15 +4,14 @@ import struct
 import threading
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 import PIL.Image
-from numpy.typing import NDArray
 
 from zpm2.config import StretchConfig
 from zpm2.errors import InputError
@@ -20,6 +19,7 @@ from zpm2.files.reading import regular
 from zpm2.model import Image
 from zpm2.model.messages import Note
 from zpm2.photos import checks, radiometry
+from zpm2.photos.radiometry import Values
 
 # Pillow's names of the formats that are read. Others are not tried: that for PostScript, for one, starts a program.
 FORMATS = (
@@ -51,6 +51,8 @@ _UNDO_ORIENTATION = {
     7: PIL.Image.Transpose.TRANSVERSE,
     8: PIL.Image.Transpose.ROTATE_270,
 }
+Tags = Mapping[int, Sequence[int]]  # of a TIFF, by number; texts among them
+
 _pil_lock = threading.Lock()
 
 
@@ -79,7 +81,7 @@ def from_picture(picture: PIL.Image.Image, what: str, stretch: StretchConfig = r
     return radiometry.to_image(pixels, what, None, notes, nodata, stretch)
 
 
-def opened(file: Any) -> PIL.Image.Image:
+def opened(file: Path | BinaryIO) -> PIL.Image.Image:
     """Pillow's picture of a path or open file of one of our `FORMATS`. All that Pillow opens for us is opened here, or
     names its format. Errors are those of `PIL.Image.open`."""
     PIL.Image.init()
@@ -148,7 +150,7 @@ def first_page_note(pages: int | str) -> str:
     return f"Only the first of {pages} pictures in the file is used."
 
 
-def _opened(file: Any, what: str) -> PIL.Image.Image:
+def _opened(file: Path | BinaryIO, what: str) -> PIL.Image.Image:
     try:
         return opened(file)
     except PIL.UnidentifiedImageError as error:
@@ -157,7 +159,7 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
         raise checks.damaged(what, error) from error
 
 
-def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[str], Any]:
+def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[Values, list[str], float | None]:
     """The pixels of a PIL picture with their own depth, in RGB(A) or grey; the notes on what was done to them; and the
     value that means no data, None where there is none."""
     notes: list[str] = []
@@ -167,7 +169,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         picture.load()
     except DAMAGE as error:
         raise checks.damaged(what, error) from error
-    tags: Any = getattr(picture, "tag_v2", {})
+    tags: Tags = getattr(picture, "tag_v2", {})
     info, stored = dict(picture.info), picture.mode
     if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
         picture = picture.transpose(_UNDO_ORIENTATION[orientation])
@@ -201,14 +203,14 @@ def _bytes_each(picture: PIL.Image.Image) -> int:
     return (4 if bands > 1 else kind) + 2 * bands * kind + 3
 
 
-def _number(text: Any) -> float | None:
+def _number(text: object) -> float | None:
     try:
         return float(str(text).strip(" \0"))
     except ValueError:
         return None
 
 
-def _signed(pixels: NDArray[Any], tags: Any) -> NDArray[Any]:
+def _signed(pixels: Values, tags: Tags) -> Values:
     """TIFF integers as what they are: PIL takes 8-bit ones for unsigned and 32-bit ones for signed."""
     kind = tags.get(_SAMPLE_FORMAT, (1,))[0]
     if kind == 2 and pixels.dtype == np.uint8:
@@ -236,7 +238,7 @@ def _orientation(exif: Callable[[], PIL.Image.Exif], notes: list[str]) -> int:
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
 
-def _deep_color(path: Path, pixels: NDArray[Any], notes: list[str]) -> tuple[NDArray[Any], list[str]]:
+def _deep_color(path: Path, pixels: Values, notes: list[str]) -> tuple[Values, list[str]]:
     """16-bit colour with all its bits, which PIL cuts to the upper eight."""
     found = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None or found.ndim != 3 or found.shape[2] not in (3, 4):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ NOT_TRANSPARENT = Note("The alpha band was dropped; no pixel was fully transpare
 
 DEFAULTS = StretchConfig()
 
-Values = NDArray[Any]
+Values = NDArray[np.number | np.bool_]
 Valid = NDArray[np.bool_] | None  # (h, w) where there is data; None: everywhere
 
 
@@ -51,7 +50,7 @@ def to_image(
     if nodata is not None:
         valid = both(valid, differs(values, nodata))
     if values.dtype.kind == "f":
-        finite = np.isfinite(values).all(axis=2)
+        finite = np.asarray(np.isfinite(values).all(axis=2))
         if path is None and (bad := np.count_nonzero(~np.isfinite(values if valid is None else values[valid]))):
             raise InputError(f"{what} has {bad} NaN or infinite values: replace them before matching")
         valid = both(valid, finite)
@@ -71,14 +70,14 @@ def to_image(
     return Image(rgb, path, tuple(notes), valid)
 
 
-def both(one: Valid, other: Any) -> Valid:
+def both(one: Valid, other: Valid) -> Valid:
     """Where both have data."""
     if one is None or other is None:
         return other if one is None else one
     return one & other
 
 
-def differs(values: Values, nodata: Any) -> NDArray[np.bool_]:
+def differs(values: Values, nodata: float | Values) -> NDArray[np.bool_]:
     """(h, w) where some band of (h, w, bands) is not `nodata`."""
     return np.asarray((values != nodata).any(axis=2))
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from zpm2.model.messages import Note
 from zpm2.photos import checks, gdal, pictures, radiometry
 from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.geolocation import place_of
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
 
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
@@ -44,7 +47,13 @@ class Raster:
     held = 0  # bytes that are in memory all the time
 
     def __init__(
-        self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None, stretch: StretchConfig
+        self,
+        source: "DatasetReader",
+        path: str,
+        what: str,
+        bands: Sequence[int],
+        gsd: float | None,
+        stretch: StretchConfig,
     ) -> None:
         self._source, self._what, self._stretch = source, what, stretch
         self.path, self.width, self.height = path, int(source.width), int(source.height)
@@ -60,7 +69,7 @@ class Raster:
         self._palette = _palette(source, self._bands, notes)
         self._range = _few_bits(source, self._bands[0], notes) if self._palette is None else None
         self._negative = source.tags(ns="IMAGE_STRUCTURE").get("MINISWHITE") == "YES" and self._palette is None
-        self._fills: list[NDArray[Any]] = []
+        self._fills: list[radiometry.Values] = []
         gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
         self._sampled = gaps_or_colors or self._type.kind == "f"
         self.alpha = _has_alpha(source, self._bands)
@@ -162,7 +171,7 @@ class Raster:
 
     def _pixels(
         self, window: tuple[float, float, float, float], width: int, height: int, average: bool = False
-    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    ) -> tuple[radiometry.Values, NDArray[np.bool_] | None]:
         """(height, width, bands) values and (height, width) where there is data, None for everywhere; the nearest
         source pixels, or their average if asked for."""
         from rasterio.enums import Resampling
@@ -190,12 +199,12 @@ class Raster:
             valid = radiometry.both(valid, radiometry.differs(seen, fill))
         return seen, None if valid is None or valid.all() else valid
 
-    def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
+    def _to_8bit(self, seen: radiometry.Values) -> NDArray[np.uint8]:
         if self._range is not None:
-            seen = radiometry.scaled(seen, *self._range)
-        elif seen.dtype != np.uint8:
-            seen = np.rint(seen).astype(np.uint8)
-        return 255 - seen if self._negative else seen
+            grey = radiometry.scaled(seen, *self._range)
+        else:
+            grey = (seen if seen.dtype == np.uint8 else np.rint(seen)).astype(np.uint8, copy=False)
+        return 255 - grey if self._negative else grey
 
 
 def open_raster(
@@ -235,7 +244,7 @@ def open_raster(
         raise
 
 
-def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
+def _unpacked_at_once(source: "DatasetReader") -> tuple[int, int, float]:
     """Width and height of what GDAL must unpack to reach any pixel, the largest block or all of the file, and bytes for
     each of its pixels."""
     each = [np.dtype(kind).itemsize for kind in source.dtypes]
@@ -246,7 +255,7 @@ def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
     return width, height, max(each) if apart else sum(each)
 
 
-def _file_notes(source: Any, path: str) -> list[str]:
+def _file_notes(source: "DatasetReader", path: str) -> list[str]:
     pages = len(source.subdatasets)  # which GDAL looks up each time
     notes = [pictures.first_page_note(pages)] if pages > 1 else []
     if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
@@ -262,7 +271,7 @@ def _file_notes(source: Any, path: str) -> list[str]:
     return notes
 
 
-def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
+def _chosen_bands(source: "DatasetReader", bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
     from rasterio.enums import ColorInterp
 
     count = int(source.count)
@@ -289,7 +298,7 @@ def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]
     return found[:1]
 
 
-def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
+def _mask_bands(source: "DatasetReader", bands: Sequence[int]) -> list[int]:
     """The bands whose masks say where there is data (where any of them does); none where there is everywhere."""
     from rasterio.enums import MaskFlags
 
@@ -299,14 +308,14 @@ def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
     return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
 
 
-def _has_alpha(source: Any, bands: Sequence[int]) -> bool:
+def _has_alpha(source: "DatasetReader", bands: Sequence[int]) -> bool:
     from rasterio.enums import MaskFlags
 
     own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds one to what it converts
     return own and all(MaskFlags.alpha in source.mask_flag_enums[band - 1] for band in bands)
 
 
-def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
+def _palette(source: "DatasetReader", bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
     """(n, 4) RGBA of the values of a band of palette indices."""
     from rasterio.enums import ColorInterp
 
@@ -320,7 +329,7 @@ def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.
     return table
 
 
-def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] | None:
+def _few_bits(source: "DatasetReader", band: int, notes: list[str]) -> tuple[float, float] | None:
     """The range of values with less than 8 bits."""
     bits = _bits(source, band)
     if not 1 <= bits < 8:
@@ -329,7 +338,7 @@ def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] |
     return 0.0, 2.0**bits - 1
 
 
-def _bits(source: Any, band: int) -> int:
+def _bits(source: "DatasetReader", band: int) -> int:
     return int(source.tags(band, ns="IMAGE_STRUCTURE").get("NBITS", 8))
 
 
@@ -339,8 +348,8 @@ def _samples(scale: float) -> int:
 
 
 def _means(
-    values: NDArray[Any], known: NDArray[np.bool_] | None, across: int, down: int
-) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    values: radiometry.Values, known: NDArray[np.bool_] | None, across: int, down: int
+) -> tuple[radiometry.Values, NDArray[np.bool_] | None]:
     """Means of `down` x `across` px of what is known, and where that is at least half of them."""
     height, width, bands = values.shape[0] // down, values.shape[1] // across, values.shape[2]
     values = values.reshape(height, down, width, across, bands)

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.raster import Window, open_raster
 
 Array = NDArray[np.float64]
-ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
+ImageLike = str | Path | NDArray[np.generic] | PIL.Image.Image | Image
 DEFAULTS = RasterConfig()
 _GEO_TAGS = {33550, 33922, 34264, 34735}  # of a TIFF: scale, tie points, transform, keys
 
@@ -155,7 +155,7 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
     return InMemoryPhoto(image, [radiometry.NOT_TRANSPARENT] if dropped else (), gsd)
 
 
-def _from_memory(source: Any, name: str, config: RasterConfig) -> Image:
+def _from_memory(source: object, name: str, config: RasterConfig) -> Image:
     if isinstance(source, Image):
         checks.check(source.rgb, name)
         return source

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -133,7 +132,7 @@ def _normals(depth: Depth, camera: PosedCamera, smoothing: float) -> Depth:
     normal = np.cross(down, along)  # towards the camera: y points down
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
     normal = np.nan_to_num(normal)
-    smooth: Any = cv2.GaussianBlur(normal, (0, 0), smoothing)
+    smooth = cv2.GaussianBlur(normal, (0, 0), smoothing)
     size = np.linalg.norm(smooth, axis=2, keepdims=True)
     known = np.isfinite(depth)[..., None] & (size > MIN_NORMAL)
     return np.where(known, smooth / np.maximum(size, 1e-12), 0).astype(np.float32)

@@ -2,7 +2,6 @@
 
 import contextlib
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.formats import geojson
@@ -11,7 +10,7 @@ from zpm2.formats.registry import OutputFormat, PairResult, register
 from zpm2.model import SIDES, ImagePolygons
 
 
-def feature_collections(result: PairResult) -> dict[str, dict[str, Any]]:
+def feature_collections(result: PairResult) -> dict[str, dict[str, object]]:
     """The polygons as two GeoJSON FeatureCollections, "left" and "right".
 
     Where a photograph has a reference system with longitude and latitude, in these (RFC 7946); else in image px, and
@@ -27,7 +26,7 @@ def write(result: PairResult, folder: Path) -> None:
         geojson.write(folder / f"{name}.geojson", collection)
 
 
-def _collection(side: ImagePolygons, layer: Layer) -> dict[str, Any]:
+def _collection(side: ImagePolygons, layer: Layer) -> dict[str, object]:
     if layer.crs is not None:
         with contextlib.suppress(InputError):  # no longitude and latitude: `gis.messages` has warned of it
             return feature_collection(layer)
