@@ -8,7 +8,7 @@ from zpm2.files.keys import fingerprint
 
 
 def absolute(path: str | None) -> str | None:
-    """The absolute path of a file. What is no path of a file, such as GDAL's name for a page of a TIFF, stays as it
+    """The absolute path of a file. Anything else, such as GDAL's name for a page of a TIFF, stays as it
     is."""
     return os.path.abspath(path) if path is not None and os.path.exists(path) else path
 
@@ -36,7 +36,7 @@ def find_photo(values: Mapping[str, object], folder: Path) -> str | None:
     """
     path, relative = values["path"], values.get("relative_path")
     if not isinstance(path, str | None) or not isinstance(relative, str | None):
-        raise TypeError("path is no text")
+        raise TypeError("path is not a text")
     if path is None or relative is None:
         return path
     places = [os.path.abspath(os.path.join(folder, relative)), path]

@@ -1,4 +1,4 @@
-"""Polygons of one photograph as COCO annotations with compressed run lengths, made without a mask of its size."""
+"""Polygons of one photograph as COCO annotations with compressed run lengths. No mask of the whole image is made."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -9,7 +9,7 @@ from zpm2.formats.properties import polygon_properties, prefixed
 from zpm2.formats.run_lengths import compressed, run_lengths
 from zpm2.model import Counterpart, Mask, Polygon
 
-CONTRIBUTOR = "zpm2"  # in the file's "info", by which we know our own
+CONTRIBUTOR = "zpm2"  # in the file's "info": tells our own files from others
 OURS = POLYGONS | {"id", "polygon_id", "image_id", "category_id", "segmentation", "bbox", "iscrowd"}
 REGION = "region"  # category of a polygon without a label
 
@@ -25,8 +25,8 @@ def coco(
 ) -> dict[str, object]:
     """The polygons of an image of `width` x `height` px as a COCO object, ready for JSON and for pycocotools.
 
-    `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; what of a mask lies
-    beyond the image is cut off. Annotations are numbered from 1, as 0 is no annotation for COCOeval; "polygon_id" is
+    `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; masks are cut at the
+    image's border. Annotations are numbered from 1, as COCOeval takes 0 for none; "polygon_id" is
     the polygon's id. "bbox" is [x, y, w, h] px of the pixels and "area" their number (all 0 where a polygon has no
     pixel). All else is as in our GeoJSON: `match_of` gives a polygon's match, `unmatched` why it has none. Categories
     are the labels in their alphabetical order and "region" for polygons without; their ids start at 1. `ValueError`

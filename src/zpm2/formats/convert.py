@@ -1,7 +1,7 @@
 """Dataclasses to plain JSON values and back, by their fields and type hints.
 
-Every field is written, under its name, and read again as what its type hint says. So a new field is saved and loaded
-without another line of code. `Layout` describes how a class's JSON differs from that.
+Each field is written under its name and read back by its type hint, so a new field needs no further code. `Layout`
+describes where the JSON of a class differs from that.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-Members = dict[str, Any]  # of a JSON object: what a file says, of which nothing is known
+Members = dict[str, Any]  # of a JSON object; a file may hold any values
 Reader = Callable[[Any], object]  # a JSON value -> the value of a field; raises for one of another type
 
 
@@ -33,14 +33,14 @@ class Layout:
     unsaved: Sequence[str] = ()  # fields that files do not have
     shapes: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)  # of arrays; -1: any length
     decimals: Mapping[str, int] = dataclasses.field(default_factory=dict)  # of arrays that are rounded
-    fold: Callable[[Any, Members], Members] | None = None  # changes the members of an object before they are written
+    fold: Callable[[Any, Members], Members] | None = None  # changes an object's members before they are written
     unfold: Callable[[Members], Members] | None = None  # undoes `fold`
-    check: Callable[[Any], None] | None = None  # raises `ValueError` for an object that no file may hold
+    check: Callable[[Any], None] | None = None  # raises `ValueError` for an object with invalid values
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """A dataclass and its layout, made ready once."""
+    """What is needed to convert a dataclass, prepared once."""
 
     kind: type
     layout: Layout
@@ -54,13 +54,13 @@ class _Plan:
 
     @cached_property
     def readers(self) -> dict[str, Reader]:
-        """By field."""
+        """How to read each field."""
         hints = typing.get_type_hints(self.kind)
         return {name: self.read_as(hints[name], self.layout.shapes.get(name)) for name, _ in self.fields}
 
 
 class Converter:
-    """Converts dataclasses, each by its layout where it has one."""
+    """Converts dataclasses, by their layouts where they have one."""
 
     def __init__(self, layouts: Mapping[type, Layout]) -> None:
         self.layouts = layouts
@@ -92,7 +92,7 @@ class Converter:
             return [self._value(item) for item in value]
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self.to_plain(value)
-        return value  # JSON by itself, or none at all
+        return value  # plain JSON already; `json.dumps` refuses anything else
 
     def from_plain(self, kind: type[T], members: Members) -> T:
         """The dataclass that `to_plain` wrote. `LookupError`, `TypeError` or `ValueError` for members that are missing
@@ -143,7 +143,7 @@ class Converter:
         return _SCALARS.get(hint, _unchanged)
 
     def _union_reader(self, kinds: Sequence[object], shape: tuple[int, ...] | None) -> Reader:
-        """`unfold` may have put an object of one of the classes in the place of null."""
+        """For a field of several types. `unfold` may have replaced null by an object of one of the classes."""
         done = tuple(kind for kind in kinds if isinstance(kind, type) and _is_made(kind))
         (other,) = (kind for kind in kinds if kind not in done)
         read = self._reader(other, shape)
@@ -160,13 +160,13 @@ def _unchanged(value: object) -> object:
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{value!r:.40} is no number")
+        raise TypeError(f"{value!r:.40} is not a number")
     return value
 
 
 def _text(value: object) -> str:
     if not isinstance(value, str):
-        raise TypeError(f"{value!r:.40} is no text")
+        raise TypeError(f"{value!r:.40} is not a text")
     return value
 
 

@@ -1,4 +1,4 @@
-"""The properties of a polygon in every file format: our own, and those of the file that it was given in."""
+"""The properties of a polygon in every output format: our own, and those of the file that the region came from."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -6,7 +6,7 @@ from typing import overload
 
 from zpm2.model import Counterpart, Polygon
 
-PREFIX = "source_"  # of a property whose name is one of ours
+PREFIX = "source_"  # of a given property that has the name of one of ours
 OURS = frozenset(
     (
         *("area", "area_m2", "score", "parent", "label", "match", "match_id"),
@@ -64,7 +64,7 @@ def plain(value: object) -> object:
 
 
 def _taken(name: str, ours: Collection[str]) -> bool:
-    """Whether a name is ours, or would be taken for a prefixed one."""
+    """Whether a name is ours, or looks like one of ours with the prefix."""
     name = name.lower()
     while name not in ours and name.startswith(PREFIX):
         name = name[len(PREFIX) :]

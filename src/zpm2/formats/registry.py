@@ -1,7 +1,7 @@
-"""The file formats of a result, by name: the one list that `MatchResult.save`, `--format` and its completion read.
+"""The output formats of a result, by name, for `MatchResult.save`, `--format` and its completion.
 
-Each module in `formats/writers/` registers its format, so a new one is one new file there. A format of your own may
-live anywhere: call `register` before you save.
+Each module in `formats/writers/` registers its format, so a new format is one new file there. Your own format may be
+anywhere: call `register` before you save.
 """
 
 import importlib
@@ -21,7 +21,7 @@ from zpm2.model import ImagePolygons, PointMatches, PolygonMatch
 
 
 class PairResult(Protocol):
-    """What a format may write of a `zpm2.MatchResult`."""
+    """The part of a `zpm2.MatchResult` that a format may use."""
 
     @property
     def left(self) -> ImagePolygons: ...
@@ -57,7 +57,7 @@ class OutputFormat:
     files: tuple[str, ...]  # all names that it may write in the output folder
     write: Callable[[PairResult, Path], object]  # writes into an existing folder; `OutputError`
     check: Callable[[], object] = lambda: None  # raises `MissingDependency` where a package that it needs is missing
-    # whether a result is saved in it without being asked to; None: never
+    # whether a result is saved in it by default; None: never
     by_default: Callable[[PairResult], bool] | None = None
 
 
@@ -65,7 +65,7 @@ _FORMATS: dict[str, OutputFormat] = {}
 
 
 def register(output_format: OutputFormat) -> OutputFormat:
-    """Adds a format, in the place of one of the same name."""
+    """Adds a format; replaces one of the same name."""
     _FORMATS[output_format.name] = output_format
     return output_format
 
@@ -82,7 +82,7 @@ def names() -> list[str]:
 
 
 def chosen(names: Sequence[str]) -> list[OutputFormat]:
-    """The formats of these names, with their packages there. `ConfigError` for an unknown name, `MissingDependency`."""
+    """The formats of these names. `ConfigError` for an unknown name, `MissingDependency` for a missing package."""
     by_name = {each.name: each for each in known()}
     for name in names:
         if name not in by_name:

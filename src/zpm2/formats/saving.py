@@ -1,4 +1,4 @@
-"""A result's folder: which files it has, written in an order that tells whether it is complete, and read back."""
+"""A result's folder: its files are written in an order that shows whether it is complete, and read back."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def save(
 ) -> Path:
     """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
 
-    `MatchResult.save` says what is written. The document comes last: where it is, all else is.
+    `MatchResult.save` describes the files. The document is written last: where it exists, the folder is complete.
     """
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
@@ -61,9 +61,9 @@ def read_document(path: str | Path, schema: str) -> tuple[Path, Members]:
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}; give the folder that zpm2 match wrote") from error
     except ValueError as error:
-        raise InputError(f"{file} is no JSON: {error}; run zpm2 match again") from error
+        raise InputError(f"{file} is not JSON: {error}; run zpm2 match again") from error
     if not isinstance(document, dict) or document.get("schema") != schema:
-        raise InputError(f"{file} is no {schema} file; give the folder that zpm2 match wrote")
+        raise InputError(f"{file} is not a {schema} file; give the folder that zpm2 match wrote")
     try:
         for side in SIDES:
             document[side]["path"] = find_photo(document[side], file.parent)
@@ -73,5 +73,5 @@ def read_document(path: str | Path, schema: str) -> tuple[Path, Members]:
 
 
 def incomplete(file: Path, error: Exception) -> InputError:
-    """For a document of which a part is missing or of another kind."""
+    """The error for a document in which something is missing or of a wrong type."""
     return InputError(f"{file} is not complete ({error!r}); run zpm2 match again")

@@ -93,7 +93,7 @@ def disparity_range(differences: Array, width: int, config: StereoConfig) -> tup
     near, far, margin = robust_range(differences, config.range_margin, config)
     low, high = int(np.floor(near - margin)), int(np.ceil(far + margin))
     if high - low > config.max_range * width:
-        return Failed(f"disparities from {low} to {high} px: this is no rectified pair")
+        return Failed(f"disparities from {low} to {high} px: this is not a rectified pair")
     return low, high
 
 

@@ -60,7 +60,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         matrix, distortion, made_for = _from_file(path, name, size)
     else:
         raise InputError(
-            f"--{name} '{text}' is no file and not fx,fy,cx,cy; give numbers in px, a matrix file, a COLMAP model, "
+            f"--{name} '{text}' is neither a file nor fx,fy,cx,cy; give numbers in px, a matrix file, a COLMAP model, "
             "exif or guess"
         )
     if np.shape(matrix) == (3, 3):

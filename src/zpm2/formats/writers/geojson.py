@@ -1,4 +1,4 @@
-"""left.geojson and right.geojson, which every result has."""
+"""left.geojson and right.geojson, which are always written."""
 
 import contextlib
 from pathlib import Path
@@ -13,8 +13,8 @@ from zpm2.model import SIDES, ImagePolygons
 def feature_collections(result: PairResult) -> dict[str, dict[str, object]]:
     """The polygons as two GeoJSON FeatureCollections, "left" and "right".
 
-    Where a photograph has a reference system with longitude and latitude, in these (RFC 7946); else in image px, and
-    marked so.
+    In longitude and latitude (RFC 7946) where the photograph's reference system allows it; else in image px, which the
+    file states.
     """
     sides = result.left, result.right
     return {name: _collection(side, layer) for name, side, layer in zip(SIDES, sides, layers_of(result), strict=True)}
