@@ -36,7 +36,7 @@ def find_photo(values: Mapping[str, object], folder: Path) -> str | None:
     """
     path, relative = values["path"], values.get("relative_path")
     if not isinstance(path, str | None) or not isinstance(relative, str | None):
-        raise TypeError("path is not a text")
+        raise TypeError("path is not text")
     if path is None or relative is None:
         return path
     places = [os.path.abspath(os.path.join(folder, relative)), path]
