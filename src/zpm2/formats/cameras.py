@@ -64,7 +64,7 @@ def matrix(values: ArrayLike, shape: tuple[int, int], what: str) -> Array:
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is no {shape[0]} x {shape[1]} matrix of numbers: correct the file") from error
     if not (np.abs(array) < MAX_NUMBER).all():
-        raise InputError(f"{what} has a value that is infinite, NaN or too large: correct the file")
+        raise InputError(f"{what} has a value that is not finite, or too large: correct the file")
     return array
 
 
