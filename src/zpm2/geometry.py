@@ -4,7 +4,7 @@ Points are (n, 2) float64 image px with pixel centres at +0.5; F and H are in th
 = 0 and p_right ~ H p_left. OpenCV's estimators work for any origin, so points need no shift.
 """
 
-from typing import Any
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -14,6 +14,7 @@ from zpm2.config import MagsacConfig
 from zpm2.errors import Failed
 
 Array = NDArray[np.float64]
+Estimator = Callable[[Array, Array, "cv2.UsacParams"], tuple[Array | None, NDArray[np.uint8] | None]]
 HALF_PIXEL: Array = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # from centres at 0
 DEFAULTS = MagsacConfig()
 
@@ -138,7 +139,13 @@ def homography(
     if len(left) < config.min_homography:
         return Failed(f"a homography needs {config.min_homography} homologous points, there are {len(left)}")
     matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed, config)
-    if matrix is None or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-9 or not matrix[2, 2]:
+    if (
+        matrix is None
+        or mask is None
+        or not np.isfinite(matrix).all()
+        or abs(np.linalg.det(matrix)) < 1e-9
+        or not matrix[2, 2]
+    ):
         return Failed("no homography fits the homologous points")
     inliers = mask.ravel().astype(bool)
     if inliers.sum() < config.min_homography:
@@ -154,11 +161,11 @@ def essential_matrix(
     By the five-point algorithm in MAGSAC++. Homologous rays (n, 2) are x / z, y / z of each camera, `threshold` is in
     the same units (px / focal length).
     """
-    find: Any = cv2.findEssentialMat
     matrix, mask = _usac(
-        lambda a, b, params: find(a, b, np.eye(3), np.eye(3), None, None, params), left, right, threshold, seed, config
+        lambda a, b, params: cv2.findEssentialMat(a, b, np.eye(3), np.eye(3), None, None, params),
+        *(left, right, threshold, seed, config),
     )
-    if matrix is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
+    if matrix is None or mask is None or matrix.shape[0] < 3 or not np.isfinite(matrix).all():
         return Failed("no essential matrix fits the homologous points")
     return matrix[:3], mask.ravel().astype(bool)
 
@@ -196,8 +203,8 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def _usac(
-    estimate: Any, left: Array, right: Array, threshold: float, seed: int, config: MagsacConfig
-) -> tuple[Any, Any]:
+    estimate: Estimator, left: Array, right: Array, threshold: float, seed: int, config: MagsacConfig
+) -> tuple[Array | None, NDArray[np.uint8] | None]:
     """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
     params = cv2.UsacParams()
     params.score = cv2.SCORE_METHOD_MAGSAC

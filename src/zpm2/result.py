@@ -6,7 +6,6 @@ import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -49,7 +48,7 @@ class MatchResult:
     points: PointMatches
     fundamental: NDArray[np.float64] | Failed  # 3 x 3, p_right^T F p_left = 0
     homography: NDArray[np.float64] | Failed  # 3 x 3, p_right ~ H p_left
-    config: Mapping[str, Any] = field(repr=False)
+    config: Mapping[str, object] = field(repr=False)
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str] = ()  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done on the way
@@ -105,12 +104,11 @@ class MatchResult:
         raster = self._raster()
         return reopen.pixels(self.left, "left", raster), reopen.pixels(self.right, "right", raster)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Members:
         """The content of `matches.json` (schema "zpm2-matches/1")."""
-        plain: dict[str, Any] = _CONVERTER.to_plain(self)
-        return plain
+        return _CONVERTER.to_plain(self)
 
-    def to_geojson(self) -> dict[str, dict[str, Any]]:
+    def to_geojson(self) -> dict[str, Members]:
         """The polygons as two GeoJSON FeatureCollections, "left" and "right", with their partners' ids.
 
         Where a photograph has a reference system with longitude and latitude, in these (RFC 7946); else in image px,
@@ -185,7 +183,7 @@ class MatchResult:
         return recorded(self.config).raster
 
 
-def read_result(path: str | Path) -> tuple[MatchResult, dict[str, Any]]:
+def read_result(path: str | Path) -> tuple[MatchResult, Members]:
     """`MatchResult.load`, and the document that the result was read from."""
     file, document = saving.read_document(path, SCHEMA)
     try:

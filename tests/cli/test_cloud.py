@@ -203,7 +203,7 @@ def test_a_mesh_in_another_frame(workspace: Path, rig: Rig, pair: Pair, run: Run
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["nowhere"], "no folder"),
+        (["nowhere"], "not a folder"),
         (["left.png", "right.png"], "one workspace, or two photographs"),
         (["left.png", "--stereo"], "one workspace, or two photographs"),
         (["left.png", "right.png", "--stereo"], "--calib, or --K and --baseline"),

@@ -160,7 +160,7 @@ def test_a_guess_is_said(pair: Pair, matches: Path, run: Run, tmp_path: Path) ->
         (["--K", "0,0,200,120"], "focal lengths 0 and 0"),
         (["--K", "nan,300,200,120"], "not finite"),
         (["--K", "300,300,900,120"], "outside of the image of 400 x 240"),
-        (["--K", "nothing.txt"], "is no file"),
+        (["--K", "nothing.txt"], "is neither a file nor fx,fy,cx,cy"),
         (["--K", "300,300,120,200"], "fits 240 x 400 px"),
         (["--K", "300,300,200,120,0.1,0.1,0.1"], "3 coefficients"),
         (["--K", "300,200,300,120"], "that is 300,300,200,120"),

@@ -95,7 +95,7 @@ def test_disparities_that_cannot_be(values: dict[str, float]) -> None:
 
 
 def test_a_workspace_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no folder"):
+    with pytest.raises(InputError, match="not a folder"):
         zpm2.cloud.from_workspace(tmp_path / "nowhere")
     with pytest.raises(ConfigError, match="did you mean 'paper'"):
         zpm2.cloud.from_workspace(tmp_path, "papr")

@@ -95,10 +95,10 @@ POSE = {"kind": "pose", "K0": K, "K1": K, "T_0to1": T}
         ({"kind": "homography"}, "not finite|no 3 x 3"),
         ({**POSE, "K1": None}, "K1 of pair 'pair/0'"),
         ({**POSE, "K0": T}, "no 3 x 3 matrix"),
-        ({**POSE, "K0": [[-500, 0, 1], [0, 500, 1], [0, 0, 1]]}, "no calibration matrix"),
+        ({**POSE, "K0": [[-500, 0, 1], [0, 500, 1], [0, 0, 1]]}, "not a calibration matrix"),
         ({**POSE, "T_0to1": T[:3]}, "no 4 x 4 matrix"),
-        ({**POSE, "T_0to1": (2 * np.eye(4)).tolist()}, "no rotation with a translation"),
-        ({**POSE, "T_0to1": np.diag([1.0, 1, -1, 1]).tolist()}, "no rotation with a translation"),
+        ({**POSE, "T_0to1": (2 * np.eye(4)).tolist()}, "not a rotation with a translation"),
+        ({**POSE, "T_0to1": np.diag([1.0, 1, -1, 1]).tolist()}, "not a rotation with a translation"),
         ({**POSE, "kind": "depth"}, "no 'file'"),
         ({**POSE, "kind": "depth", "file": "d0.png", "file1": "no.png"}, r"looked for .*no\.png"),
     ],
@@ -121,7 +121,7 @@ def test_a_truth_that_cannot_be_used(tmp_path, truth, message):
         ('[{"name": "a", "left": "a.png"}]', "no 'right'"),
         ('[{"name": "a", "left": "a.png", "right": ["b.png"]}]', "no 'right'"),
         ('[{"name": "a", "left": "a.png", "right": "c.png"}]', r"looked for .*c\.png"),
-        (b"\xff\xfe", "no readable text"),
+        (b"\xff\xfe", "not a readable text"),
     ],
 )
 def test_a_list_that_cannot_be_used(tmp_path, content, message):

@@ -116,9 +116,9 @@ def test_scannet_half_there(tmp_path, missing):
     [
         ("pose/10.txt", "1 0 0", "holds 3 numbers, not 4 x 4"),
         ("pose/10.txt", "<html>", "words where numbers belong"),
-        ("pose/10.txt", b"\xff\xfe\x00", "no readable text"),
-        ("pose/10.txt", numbers(np.diag([2.0, 1, 1, 1])), "no rotation"),
-        ("intrinsic/intrinsic_color.txt", numbers(np.zeros((4, 4))), "no calibration matrix"),
+        ("pose/10.txt", b"\xff\xfe\x00", "not a readable text"),
+        ("pose/10.txt", numbers(np.diag([2.0, 1, 1, 1])), "not a rotation"),
+        ("intrinsic/intrinsic_color.txt", numbers(np.zeros((4, 4))), "not a calibration matrix"),
         ("color/0.jpg", b"not a picture", "not a picture in a known format"),
     ],
 )
@@ -289,8 +289,8 @@ def test_dtu_of_mvsnet_half_there(tmp_path, missing):
     [
         ("pair.txt", "3\n0\n10 1 2346.41", "cut short"),
         ("pair.txt", "<html>", "not a pair file"),
-        ("cams/00000000_cam.txt", "extrinsic 1 0 0", "no camera file"),
-        ("cams/00000001_cam.txt", "<html>", "no camera file"),
+        ("cams/00000000_cam.txt", "extrinsic 1 0 0", "not an MVSNet camera file"),
+        ("cams/00000001_cam.txt", "<html>", "not an MVSNet camera file"),
     ],
 )
 def test_dtu_of_mvsnet_damaged(tmp_path, name, content, message):

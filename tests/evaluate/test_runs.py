@@ -146,7 +146,7 @@ def test_a_damaged_prediction_is_a_problem_of_its_pair(root: Path, pair: Pair, t
     predictions.predict(pairs, Counting(pair).load, out, lambda _: None)
     (predictions.folder_of(pairs[0], out) / "matches.json").write_text("{")
     rows = report.collect(pairs, out, lambda _: None)
-    assert "is no JSON" in rows[0]["status"]
+    assert "is not JSON" in rows[0]["status"]
     assert rows[1]["status"] == "ok"
 
 

@@ -101,7 +101,7 @@ def test_a_record_that_is_none_is_refused(tmp_path):
     (tmp_path / HIDDEN).mkdir()
     (tmp_path / HIDDEN / RECORD).write_text("something else\n")
     (tmp_path / "a").write_text("x")
-    with pytest.raises(OutputError, match=r"made.jsonl is no record of zpm2"):
+    with pytest.raises(OutputError, match=r"made.jsonl is not a record of zpm2"):
         claim(tmp_path, ["a"])
     assert (tmp_path / HIDDEN / RECORD).read_text() == "something else\n"
 

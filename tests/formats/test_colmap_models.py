@@ -129,11 +129,11 @@ def test_a_foreign_camera_bars_no_other(binary: bool, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("images", "cameras", "why"),
     [
-        (FIRST.format("a.png").replace(" 1 a", " 9 a"), CAMERAS, "images of camera 9, and no such camera"),
-        (FIRST.format("a.png").replace("0.8", "x"), CAMERAS, "no complete COLMAP model"),
-        ("1 0 0 0 0 1 2 3 1 a.png\n", CAMERAS, "no complete COLMAP model"),
-        ("1 1 0 0\n", CAMERAS, "no complete COLMAP model"),
-        (FIRST.format("a.png"), "1 PINHOLE 640\n", "no complete COLMAP model"),
+        (FIRST.format("a.png").replace(" 1 a", " 9 a"), CAMERAS, "images of camera 9 but lacks this camera"),
+        (FIRST.format("a.png").replace("0.8", "x"), CAMERAS, "not a complete COLMAP model"),
+        ("1 0 0 0 0 1 2 3 1 a.png\n", CAMERAS, "not a complete COLMAP model"),
+        ("1 1 0 0\n", CAMERAS, "not a complete COLMAP model"),
+        (FIRST.format("a.png"), "1 PINHOLE 640\n", "not a complete COLMAP model"),
         (FIRST.format("a.png"), "1 PINHOLE 640 480 500 500\n", "wrong parameters"),
         ("# none\n", CAMERAS, "no registered image"),
     ],

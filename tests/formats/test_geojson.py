@@ -105,7 +105,7 @@ def test_heights_are_dropped_and_multipolygons_split():
 
 @pytest.mark.parametrize("data", [None, [], "x", {}, {"features": []}, {"type": "FeatureCollection"}])
 def test_what_is_no_collection(data):
-    with pytest.raises(InputError, match=r"a\.geojson is no GeoJSON FeatureCollection"):
+    with pytest.raises(InputError, match=r"a\.geojson is not a GeoJSON FeatureCollection"):
         geojson.parse(data, "a.geojson")
 
 

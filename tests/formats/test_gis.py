@@ -382,7 +382,7 @@ def test_rpcs_that_do_not_reach_the_polygons_leave_them_in_pixels(tmp_path, rpc)
     assert "EPSG" not in str(crs)
     assert shapely.equals(shapes, shapely.transform(SHAPES, lambda xy: xy * (1, -1))).all()
     assert gis.messages([placed]) == [
-        "left image: its RPC does not reach all of its polygons: files for a GIS are in image px"
+        "left image: its RPC does not cover all of its polygons: files for a GIS are in image px"
     ]
 
 

@@ -137,7 +137,7 @@ def test_sizes_are_held_against_the_length_of_the_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="more than 32 MB"):
         read_arrays(tmp_path / "a.npz")
     (tmp_path / "cameras.bin").write_bytes(struct.pack("<Q", 10**8) + bytes(62))
-    with pytest.raises(InputError, match="no complete COLMAP model: it is cut short"):
+    with pytest.raises(InputError, match="not a complete COLMAP model: it is cut short"):
         colmap.read_cameras(tmp_path / "cameras.bin")
 
 

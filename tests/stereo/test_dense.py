@@ -101,7 +101,7 @@ def test_where_to_look() -> None:
     assert low <= 2
     assert high >= 58
     assert isinstance(disparity_range(np.ones(3), 400, StereoConfig()), Failed)
-    assert "no rectified pair" in str(disparity_range(np.linspace(-300, 300, 100), 400, StereoConfig()))
+    assert "not a rectified pair" in str(disparity_range(np.linspace(-300, 300, 100), 400, StereoConfig()))
 
 
 def test_calibration_of_middlebury(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -16,6 +17,9 @@ from zpm2.errors import MissingDependency
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
 from zpm2.photos.images import read_image
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -154,7 +158,7 @@ def write_glb(cloud: PolygonCloud, path: Path) -> Path:
     return atomic_write(path, scene.export(file_type="glb"))
 
 
-def attributes(polygon: CloudPatch) -> dict[str, Any]:
+def attributes(polygon: CloudPatch) -> dict[str, object]:
     """The attributes of a polygon, without its geometry."""
     patch = polygon.patch
     return {
@@ -214,7 +218,7 @@ def write_surface(surface: SurfaceMesh, path: Path) -> Path:
     return atomic_write(path, "\n".join(header).encode() + vertices.tobytes() + face.tobytes())
 
 
-def require_laspy() -> Any:
+def require_laspy() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import laspy
@@ -249,7 +253,7 @@ def _ply_header(vertices: int) -> list[str]:
     ]
 
 
-def _coloured(trimesh: Any, vertices: Array, faces: Indices, rgb: Colors) -> Any:
+def _coloured(trimesh: ModuleType, vertices: Array, faces: Indices, rgb: Colors) -> "Trimesh":
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.visual.face_colors = [*rgb.tolist(), 255]
     return mesh

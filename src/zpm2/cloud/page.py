@@ -3,9 +3,9 @@
 import base64
 import json
 from importlib import resources
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zpm2.cloud.display_mesh import NO_PATCH, DisplayMesh, display_mesh
 from zpm2.cloud.export import attributes
@@ -44,7 +44,7 @@ def page(cloud: PolygonCloud) -> str:
     return template.replace("/*DATA*/", text)
 
 
-def _part(name: str, shown: DisplayMesh, rows: Any) -> dict[str, str]:
+def _part(name: str, shown: DisplayMesh, rows: NDArray[np.bool_]) -> dict[str, str]:
     """Triangles around the centre of all that is shown, in units of its extent; vertices with colour and polygon."""
     used, inverse = np.unique(shown.faces[rows], return_inverse=True)
     ids, paint = np.full(len(used), float(NO_PATCH), np.float32), np.zeros((len(used), 3), np.uint8)

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from zpm2.cloud.lift import Lifted
@@ -248,7 +247,7 @@ def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) ->
     return SurfacePatch(vertices, faces, source)
 
 
-def covered_shares(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> Any:
+def covered_shares(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> csr_array:
     """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
     rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
     source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class Embree:
         if len(origins) == 0:
             return _hits(self.corners, np.zeros(0, np.int64), origins, directions)
         length = np.linalg.norm(directions, axis=1, keepdims=True)
-        face: Any = self.tree.intersects_first(origins, directions / np.maximum(length, 1e-300))
+        face = self.tree.intersects_first(origins, directions / np.maximum(length, 1e-300))
         return _hits(self.corners, np.asarray(face, np.int64), origins, directions)
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from zpm2.cloud.lift import SurfaceRing, outline_in
 from zpm2.cloud.patch import SurfacePatch, covered_shares
@@ -112,7 +112,7 @@ class PolygonCloud:
     rejected: Sequence[Rejected]
     matches: int  # of all pairs, before anything was rejected
     coverage: float  # 0..1, share of the surface seen by the views that the patches cover
-    config: Mapping[str, Any] = field(repr=False)
+    config: Mapping[str, object] = field(repr=False)
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done automatically
@@ -145,7 +145,7 @@ class PolygonCloud:
         return low - margin, high + margin
 
     @cached_property
-    def covered_shares(self) -> Any:
+    def covered_shares(self) -> csr_array:
         """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
         return covered_shares([patch.patch for patch in self.patches], self.surface)
 
@@ -164,7 +164,7 @@ class PolygonCloud:
         """How many matches gave no patch, by reason, the most frequent one first; numbers in a reason left out."""
         return dict(Counter(rejected.reason.split(":")[0] for rejected in self.rejected).most_common())
 
-    def counts(self) -> dict[str, Any]:
+    def counts(self) -> dict[str, object]:
         """How many matches there were and what became of them."""
         return {
             "matches": self.matches,
@@ -175,7 +175,7 @@ class PolygonCloud:
             "reasons": self.reasons(),
         }
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The content of `cloud.json` (schema "zpm2-cloud/1"). Coordinates, lengths and areas in units of the mesh."""
         surface = self.surface
         return {
@@ -183,16 +183,7 @@ class PolygonCloud:
             "version": self.version,
             "config": dict(self.config),
             "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
-            "views": [
-                {
-                    "name": view.name,
-                    "path": str(view.path),
-                    "camera": view.camera.camera.to_dict(),
-                    "rotation": view.camera.rotation.tolist(),
-                    "translation": view.camera.translation.tolist(),
-                }
-                for view in self.views
-            ],
+            "views": self._views(),
             "surface": {
                 "vertices": len(surface.vertices),
                 "faces": len(surface.faces),
@@ -208,7 +199,19 @@ class PolygonCloud:
             "notes": list(self.notes),
         }
 
-    def _patch(self, polygon: CloudPatch) -> dict[str, Any]:
+    def _views(self) -> list[dict[str, object]]:
+        return [
+            {
+                "name": view.name,
+                "path": str(view.path),
+                "camera": view.camera.camera.to_dict(),
+                "rotation": view.camera.rotation.tolist(),
+                "translation": view.camera.translation.tolist(),
+            }
+            for view in self.views
+        ]
+
+    def _patch(self, polygon: CloudPatch) -> dict[str, object]:
         patch = polygon.patch
         return {
             "id": polygon.id,
@@ -235,7 +238,6 @@ class PolygonCloud:
 
     def save_json(self, folder: Path) -> Path:
         """Write cloud.json, whole or not at all."""
-        document = self.to_dict()
-        for view in document["views"]:
-            view |= photo_reference(view["path"], folder)
-        return atomic_write(folder / "cloud.json", json.dumps(document, allow_nan=False))
+        references = [photo_reference(str(view.path), folder) for view in self.views]
+        views = [view | reference for view, reference in zip(self._views(), references, strict=True)]
+        return atomic_write(folder / "cloud.json", json.dumps(self.to_dict() | {"views": views}, allow_nan=False))

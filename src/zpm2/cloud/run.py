@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from zpm2 import api
 from zpm2 import config as configuration
@@ -188,7 +187,7 @@ def read_rig(
     return rig_of(cameras[0], cameras[1], baseline)
 
 
-def matching_part(config: Config) -> Mapping[str, Any]:
+def matching_part(config: Config) -> Mapping[str, object]:
     """The part of a configuration that matches depend on."""
     return {name: value for name, value in config.to_dict().items() if name not in AFTER_MATCHING}
 

@@ -4,10 +4,10 @@ import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zpm2.cloud.facets import triangulate
 from zpm2.errors import InputError, MissingDependency
@@ -57,7 +57,7 @@ class SurfaceMesh:
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     @staticmethod
-    def of(vertices: Any, faces: Any, name: str = "mesh") -> "SurfaceMesh":
+    def of(vertices: ArrayLike, faces: ArrayLike, name: str = "mesh") -> "SurfaceMesh":
         """A mesh made usable. Vertices at one place are merged. Triangles without area, with vertices that are not
         finite, and repeated ones are left out, each kind with a note. The origin is the middle of its box.
 
@@ -121,7 +121,7 @@ class SurfaceMesh:
                 vertices, polygons = read_mesh(path)
                 faces, notes = triangulate(vertices, polygons)
             else:
-                mesh: Any = require_trimesh().load(path, force="mesh", process=False)
+                mesh = require_trimesh().load(path, force="mesh", process=False)
                 vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces).reshape(-1, 3)
         except MissingDependency:
             raise
@@ -138,7 +138,7 @@ class SurfaceMesh:
         return replace(surface, notes=(*notes, *surface.notes))
 
 
-def require_trimesh() -> Any:
+def require_trimesh() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import trimesh

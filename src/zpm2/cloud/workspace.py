@@ -50,7 +50,7 @@ def read_views(
     the photograph whose camera cannot be its own.
     """
     if not os.path.isdir(folder):
-        raise InputError(f"workspace {folder} is no folder: give one with photographs, cameras and a mesh")
+        raise InputError(f"workspace {folder} is not a folder: give one with photographs, cameras and a mesh")
     views = _read(folder, images, cameras, notes)
     if len(views) < 2:
         raise InputError(f"workspace {folder} has {len(views)} photographs with a camera: a polygon cloud needs two")
@@ -92,13 +92,13 @@ def find_mesh(folder: Path) -> Path:
 def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[PosedPhotograph]:
     pictures = images or next((folder / name for name in IMAGES if (folder / name).is_dir()), folder)
     if not os.path.isdir(pictures):
-        raise InputError(f"{pictures} is no folder: give the one with the photographs (--images)")
+        raise InputError(f"{pictures} is not a folder: give the one with the photographs (--images)")
     if cameras is None:
         cameras = _find_cameras(folder, pictures)
     if cameras.suffix.lower() == ".npz":
         return _idr(cameras, some_photographs(pictures))
     if not os.path.isdir(cameras):
-        raise InputError(f"cameras {cameras} are no folder or .npz file: check the path")
+        raise InputError(f"cameras {cameras} is neither a folder nor an .npz file: check the path")
     if any(cameras.glob("*_cam.txt")):
         return _each(some_photographs(pictures), lambda p: cameras / f"{p.stem}_cam.txt", files.mvsnet)
     if any(cameras.glob("*.camera")):

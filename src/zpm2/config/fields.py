@@ -5,9 +5,12 @@ grid: int = number(32, "prompts along each image side, grid x grid in all", low=
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from zpm2.errors import ConfigError
+
+T = TypeVar("T")
+Number = TypeVar("Number", bound=float)
 
 LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
 
@@ -33,7 +36,7 @@ class Rule:
 
 
 def number(
-    default: float,
+    default: Number,
     meaning: str,
     *,
     unit: str = "",
@@ -42,30 +45,30 @@ def number(
     above: bool = False,
     odd: bool = False,
     source: str = "",
-) -> Any:
+) -> Number:
     """A field that is a number from `low` (above it, where `above`) to `high`."""
     return _field(default, Rule(meaning, unit, low, high, above, odd, source=source))
 
 
-def share(default: float, meaning: str, *, high: float = 1.0, above: bool = False, source: str = "") -> Any:
+def share(default: float, meaning: str, *, high: float = 1.0, above: bool = False, source: str = "") -> float:
     """A field that is a share of a whole, from 0 to `high`."""
     return _field(default, Rule(meaning, f"0..{high:g}", 0.0, high, above, share=True, source=source))
 
 
 def option(
-    default: Any, meaning: str, *, unit: str = "", source: str = "", check: Callable[[str, Any], None] | None = None
-) -> Any:
+    default: T, meaning: str, *, unit: str = "", source: str = "", check: Callable[[str, T], None] | None = None
+) -> T:
     """A field that is a word, a switch or a list. `check(name, value)` raises `ConfigError`."""
     return _field(default, Rule(meaning, unit, source=source, check=check))
 
 
-def rule_of(item: "dataclasses.Field[Any]") -> Rule:
+def rule_of(item: "dataclasses.Field[object]") -> Rule:
     """The rule that a field was declared with."""
     rule: Rule = item.metadata["rule"]
     return rule
 
 
-def check(name: str, value: Any, rule: Rule) -> None:
+def check(name: str, value: object, rule: Rule) -> None:
     """`ConfigError` for a value that its rule does not allow."""
     numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
     if any(v != v or v < 0 or v == float("inf") for v in numbers):
@@ -86,7 +89,7 @@ def check(name: str, value: Any, rule: Rule) -> None:
         rule.check(name, value)
 
 
-def short(value: Any) -> str:
+def short(value: object) -> str:
     """What a message says of a value. Python does not write out integers of more than 4300 digits."""
     try:
         text = str(value)
@@ -95,5 +98,5 @@ def short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _field(default: Any, rule: Rule) -> Any:
+def _field(default: T, rule: Rule) -> T:
     return dataclasses.field(default=default, metadata={"rule": rule})

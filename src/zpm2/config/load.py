@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from zpm2.config.whole import Config, describe
 from zpm2.errors import ConfigError, did_you_mean
@@ -55,7 +54,7 @@ def assign(config: Config, settings: Sequence[str]) -> Config:
     return config
 
 
-def with_options(config: Config, options: Mapping[str, Any]) -> Config:
+def with_options(config: Config, options: Mapping[str, object]) -> Config:
     """`config` with those `options`, by their names in `OPTIONS`, that are not None.
 
     >>> with_options(Config(), {"quality": "fast", "seed": None}).segment.quality
@@ -71,7 +70,7 @@ def with_options(config: Config, options: Mapping[str, Any]) -> Config:
     return config
 
 
-def recorded(values: Mapping[str, Any]) -> Config:
+def recorded(values: Mapping[str, object]) -> Config:
     """The configuration that a result holds; the default of each field that it lacks, or holds no valid value of.
 
     It forgives, and is the only reader of a result's configuration: what was matched stays good when another version
@@ -85,7 +84,7 @@ def recorded(values: Mapping[str, Any]) -> Config:
         return Config.from_dict(values)
     config = Config()
     for key, _, _, _ in describe(config):
-        value: Any = values
+        value: object = values
         for name in key.split("."):
             value = value.get(name) if isinstance(value, Mapping) else None
         if value is not None:
@@ -94,12 +93,14 @@ def recorded(values: Mapping[str, Any]) -> Config:
     return config
 
 
-def _nested(key: str, value: Any) -> dict[str, Any]:
+def _nested(key: str, value: object) -> dict[str, object]:
     """The field "stage.field" as a nested mapping.
 
     >>> _nested("segment.grid", 16)
     {'segment': {'grid': 16}}
     """
-    for name in reversed(key.split(".")):
-        value = {name: value}
-    return value
+    *stages, field = key.split(".")
+    nested = {field: value}
+    for stage in reversed(stages):
+        nested = {stage: nested}
+    return nested

@@ -4,13 +4,18 @@ import dataclasses
 import types
 import typing
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from zpm2.config.fields import short
 from zpm2.errors import ConfigError, did_you_mean
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
-def overlay(base: Any, values: Any, where: str = "") -> Any:
+T = TypeVar("T", bound="DataclassInstance")
+
+
+def overlay(base: T, values: object, where: str = "") -> T:
     """The dataclass `base` with `values` laid over it, a nested mapping of field names; `where` is their place, as
     "stage.". Unknown names and wrong types raise `ConfigError`."""
     if not isinstance(values, Mapping):
@@ -19,21 +24,21 @@ def overlay(base: Any, values: Any, where: str = "") -> Any:
             f"{', '.join(f.name for f in dataclasses.fields(base))}"
         )
     types_of = typing.get_type_hints(type(base))
-    changed = {}
+    changed: dict[str, object] = {}
     for name, value in values.items():
         if name not in types_of:
             raise ConfigError(
                 f"unknown option '{where}{name}'{did_you_mean(name, types_of)}; known here: {', '.join(types_of)}"
             )
         current = getattr(base, name)
-        if dataclasses.is_dataclass(current):
+        if dataclasses.is_dataclass(current) and not isinstance(current, type):
             changed[name] = overlay(current, value, f"{where}{name}.")
         else:
             changed[name] = _convert(value, types_of[name], f"{where}{name}")
     return dataclasses.replace(base, **changed)
 
 
-def _convert(value: Any, kind: Any, name: str) -> Any:
+def _convert(value: object, kind: object, name: str) -> object:
     """`value` (a string from the command line, or a parsed TOML/JSON value) as the field's type."""
     origin = typing.get_origin(kind)
     if origin is Literal:
@@ -50,6 +55,7 @@ def _convert(value: Any, kind: Any, name: str) -> Any:
         if value is None or value == "none":
             return None
         return _convert(value, next(a for a in typing.get_args(kind) if a is not type(None)), name)
+    assert isinstance(kind, type)
     try:
         if kind is bool and isinstance(value, str):
             return {"true": True, "false": False}[value.lower()]

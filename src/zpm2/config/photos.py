@@ -1,18 +1,18 @@
 """Photographs that are large, georeferenced, or of many bands."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from zpm2.config.fields import number, option, share
 from zpm2.errors import ConfigError
 
 
-def _bands(name: str, value: Any) -> None:
+def _bands(name: str, value: tuple[int, ...]) -> None:
     if len(value) not in (0, 1, 3) or min(value, default=1) < 1:
         raise ConfigError(f"{name} are one or three band numbers from 1 on, got {','.join(map(str, value))}")
 
 
-def _gsd(name: str, value: Any) -> None:
+def _gsd(name: str, value: tuple[float, ...]) -> None:
     if len(value) > 2 or min(value, default=1) <= 0:
         raise ConfigError(f"{name} is one number of m per px above 0, or two (left, right)")
 

@@ -1,7 +1,6 @@
 """Homologous points (paper 3.2)."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from zpm2.config.fields import number, option, share
 from zpm2.config.robust import MagsacConfig
@@ -10,17 +9,17 @@ from zpm2.errors import ConfigError
 RETRY = "measured, docs/points.md"
 
 
-def _some(name: str, value: Any) -> None:
+def _some(name: str, value: tuple[str, ...]) -> None:
     if not all(value or ("",)):
         raise ConfigError(f"{name} is empty: name at least one, for example sift")
 
 
-def _half_turns(name: str, value: Any) -> None:
+def _half_turns(name: str, value: tuple[int, ...]) -> None:
     if any(angle > 180 for angle in value):
         raise ConfigError(f"{name} are turns from 0 to 180 degrees, got {','.join(map(str, value))}")
 
 
-def _sides(name: str, value: Any) -> None:
+def _sides(name: str, value: tuple[int, ...]) -> None:
     if not value or min(value) < 32:
         raise ConfigError(f"{name} are one or more sides of at least 32 px, got {','.join(map(str, value))}")
 

@@ -1,7 +1,7 @@
 """Regions from pixels, and polygons from regions (paper 3.2)."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from zpm2.config.fields import number, option, share
 from zpm2.errors import ConfigError
@@ -9,7 +9,7 @@ from zpm2.errors import ConfigError
 MEASURED = "measured, docs/results.md"
 
 
-def _above_zero(name: str, value: Any) -> None:
+def _above_zero(name: str, value: tuple[float, ...]) -> None:
     if not value or min(value) <= 0:
         raise ConfigError(f"{name} are one or more numbers above 0, got {','.join(map(str, value))}")
 

@@ -4,7 +4,7 @@ import dataclasses
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from zpm2 import memory
 from zpm2.config.cloud import CloudConfig
@@ -20,8 +20,11 @@ from zpm2.config.segment import SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
 from zpm2.errors import ConfigError
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
-def _known_size(name: str, value: Any) -> None:
+
+def _known_size(name: str, value: str) -> None:
     if value != memory.AUTO:
         memory.size(value)
 
@@ -61,15 +64,14 @@ class Config:
                 "smaller phi, or a larger tau"
             )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Plain nested dictionaries, as in `matches.json`."""
         return dataclasses.asdict(self)
 
     @staticmethod
-    def from_dict(values: Mapping[str, Any], base: "Config | None" = None) -> "Config":
+    def from_dict(values: Mapping[str, object], base: "Config | None" = None) -> "Config":
         """`base` (else the defaults) with `values` laid over it. Unknown names and wrong types raise `ConfigError`."""
-        result: Config = overlay(base or Config(), values)
-        return result
+        return overlay(base or Config(), values)
 
 
 def choices(key: str) -> tuple[str, ...]:
@@ -78,13 +80,15 @@ def choices(key: str) -> tuple[str, ...]:
     return typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
 
 
-def describe(config: Config) -> Iterator[tuple[str, str, Any, str]]:
+def describe(config: Config) -> Iterator[tuple[str, str, object, str]]:
     """Of every field "stage.field", its type, its value in `config`, and its unit and meaning."""
     for name, item, value in _fields(config):
         yield name, _type_name(_kind(name)), value, str(rule_of(item))
 
 
-def _fields(holder: Any, where: str = "") -> Iterator[tuple[str, "dataclasses.Field[Any]", Any]]:
+def _fields(
+    holder: "DataclassInstance | type[DataclassInstance]", where: str = ""
+) -> Iterator[tuple[str, "dataclasses.Field[object]", object]]:
     """Each "stage.field" with its declaration and its value, those of stages within stages too."""
     for item in dataclasses.fields(holder):
         value = getattr(holder, item.name)
@@ -94,17 +98,18 @@ def _fields(holder: Any, where: str = "") -> Iterator[tuple[str, "dataclasses.Fi
             yield f"{where}{item.name}", item, value
 
 
-def _kind(key: str) -> Any:
-    kind: Any = Config
+def _kind(key: str) -> object:
+    kind: object = Config
     for part in key.split("."):
         kind = typing.get_type_hints(kind)[part]
     return kind
 
 
-def _type_name(kind: Any) -> str:
+def _type_name(kind: object) -> str:
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is Literal:
         return " | ".join(arguments)
     if typing.get_origin(kind) is tuple:
         return f"{_type_name(arguments[0])},..."
-    return str(kind.__name__)
+    assert isinstance(kind, type)
+    return kind.__name__

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from zpm2.files.reading import regular
 
@@ -14,7 +13,7 @@ BLOCK = 2**16  # bytes
 BLOCKS = 64  # of a file that are looked at: all of up to 4 MB
 
 
-def key(files: Iterable[str | Path], *more: Any) -> str:
+def key(files: Iterable[str | Path], *more: object) -> str:
     """A name for what these input files and `more` (plain values: configuration, names) give with this code.
 
     A file that was replaced, touched, or is missing gives another key; where it lies does not matter. Weights are part

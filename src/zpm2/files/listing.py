@@ -51,7 +51,7 @@ def text(path: Path) -> str:
     try:
         return reading.read_text(existing(path))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path} is no readable text file: copy or download it again") from error
+        raise InputError(f"{path} is not a readable text file: copy or download it again") from error
 
 
 def json_file(path: Path) -> Any:

@@ -27,8 +27,8 @@ def locked(file: Path) -> Iterator[None]:
     """Locks a file, which is made for this and removed after it.
 
     `AlreadyLocked` at once where another process, or an enclosing call, holds the lock; `OSError` where the file cannot
-    be made. A file that a killed process left is no lock. On disks without locks, such as some network drives, nothing
-    is locked, and a warning is logged.
+    be made. The file that a killed process left locks nothing. On disks without locks, such as some network
+    drives, nothing is locked, and a warning is logged.
     """
     opened = _opened(file)
     try:

@@ -3,13 +3,12 @@
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from zpm2.files.keys import fingerprint
 
 
 def absolute(path: str | None) -> str | None:
-    """The absolute path of a file. What is no path of a file, such as GDAL's name for a page of a TIFF, stays as it
+    """The absolute path of a file. Anything else, such as GDAL's name for a page of a TIFF, stays as it
     is."""
     return os.path.abspath(path) if path is not None and os.path.exists(path) else path
 
@@ -28,7 +27,7 @@ def photo_reference(path: str | None, folder: Path) -> dict[str, str | None]:
     return {"path": full, "relative_path": relative, "content": _content(full)}
 
 
-def find_photo(values: Mapping[str, Any], folder: Path) -> str | None:
+def find_photo(values: Mapping[str, object], folder: Path) -> str | None:
     """The path of the photograph of a `photo_reference`, for a result that now lies in `folder`.
 
     It is looked for relative to that folder, then at its absolute path; a file with the same content comes before one
@@ -36,8 +35,8 @@ def find_photo(values: Mapping[str, Any], folder: Path) -> str | None:
     kind.
     """
     path, relative = values["path"], values.get("relative_path")
-    if not all(text is None or isinstance(text, str) for text in (path, relative)):
-        raise TypeError("path is no text")
+    if not isinstance(path, str | None) or not isinstance(relative, str | None):
+        raise TypeError("path is not text")
     if path is None or relative is None:
         return path
     places = [os.path.abspath(os.path.join(folder, relative)), path]
@@ -46,12 +45,12 @@ def find_photo(values: Mapping[str, Any], folder: Path) -> str | None:
     return next(iter([*same, *there, path]))
 
 
-def has_content(values: Mapping[str, Any], file: str | Path) -> bool:
+def has_content(values: Mapping[str, object], file: str | Path) -> bool:
     """Whether a file has the content of a `photo_reference`; true for references without content."""
     return values.get("content") in (None, _content(file))
 
 
-def are_swapped(sides: Sequence[Mapping[str, Any]], files: Sequence[str | Path]) -> bool:
+def are_swapped(sides: Sequence[Mapping[str, object]], files: Sequence[str | Path]) -> bool:
     """Whether left and right were exchanged: each of two files has the content of the other side's photograph."""
     contents = [_content(file) for file in files]
     noted = [side.get("content") for side in sides]

@@ -28,7 +28,7 @@ from zpm2 import memory
 WRONG = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 MAX_UNPACKED_BYTES = 2**25  # bytes that a packed file may hold: those that we read hold a few matrices, or a usual tile
 MAX_PACKING = 40  # times its packed length that a file may hold
-MAX_DIGITS = 300  # of a whole number, beyond which it is no double
+MAX_DIGITS = 300  # of a whole number, a longer one does not fit into a double
 _NPY = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -47,7 +47,7 @@ def regular(path: Path) -> Path:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "it is no regular file, copy its content into one")
+        raise OSError(errno.EINVAL, "it is not a regular file, copy its content into one")
     return path
 
 
@@ -95,18 +95,18 @@ def unpack_gzip(path: Path) -> bytes:
         try:
             content = file.read(most + 1)
         except (OSError, EOFError, zlib.error) as error:
-            raise ValueError("it is damaged or no gzip file") from error
+            raise ValueError("it is damaged or not a gzip file") from error
     if len(content) > most:
         raise ValueError(f"it holds more than {most // 2**20} MB")
     return content
 
 
-def read_array(path: Path) -> NDArray[Any]:
+def read_array(path: Path) -> NDArray[np.generic]:
     """The array of an .npy file, read-only."""
     return _array(read_bytes(path))
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path) -> dict[str, NDArray[np.generic]]:
     """The arrays of an .npz file by name, read-only; together they may have `MAX_UNPACKED_BYTES` bytes."""
     content = read_bytes(path)
     try:
@@ -117,10 +117,10 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
                 raise ValueError(f"it holds more than {MAX_UNPACKED_BYTES // 2**20} MB")
             return {member.filename.removesuffix(".npy"): _array(file.read(member)) for member in members}
     except (OSError, EOFError, LookupError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError("it is damaged or no .npz file") from error
+        raise ValueError("it is damaged or not an .npz file") from error
 
 
-def _array(content: bytes) -> NDArray[Any]:
+def _array(content: bytes) -> NDArray[np.generic]:
     """An array as `numpy.save` writes it, without a copy."""
     stream = io.BytesIO(content)
     try:
@@ -129,9 +129,9 @@ def _array(content: bytes) -> NDArray[Any]:
             raise ValueError("it is of an unknown version of .npy")
         shape, by_columns, kind = header(stream)
     except (SyntaxError, TypeError, tokenize.TokenError, MemoryError, RecursionError, OverflowError) as error:
-        raise ValueError("it has no header of an .npy file") from error
+        raise ValueError("it does not have the header of an .npy file") from error
     if kind.hasobject or not kind.itemsize or min(shape, default=0) < 0:
-        raise ValueError(f"it holds {kind} of shape {shape}, which are no numbers")
+        raise ValueError(f"it holds {kind} of shape {shape}, not numbers")
     if math.prod(shape) * kind.itemsize != len(content) - stream.tell():
         raise ValueError(f"its length is not that of {kind} of shape {shape}")
     values = np.frombuffer(content, kind, offset=stream.tell()) if math.prod(shape) else np.empty(0, kind)

@@ -190,7 +190,7 @@ def _made(home: Path) -> dict[str, set[str]]:
     made: dict[str, set[str]] = {}
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     if lines and lines[0] != json.dumps(FORMAT):  # without a line where a run was killed before it wrote one
-        raise OutputError(f"{file} is no record of zpm2: give another output folder")
+        raise OutputError(f"{file} is not a record of zpm2: give another output folder")
     for line in lines[1:]:
         with contextlib.suppress(*WRONG):
             values = parse_json(line.encode())

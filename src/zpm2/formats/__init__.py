@@ -1,4 +1,4 @@
-"""Files in and out."""
+"""Reading and writing files: results, polygons, cameras, meshes, depth maps."""
 
 from zpm2.files.writing import atomic_write, claim, output_folder
 from zpm2.photos.images import read_image

@@ -1,7 +1,6 @@
-"""Polygons of one photograph as COCO annotations with compressed run lengths, made without a mask of its size."""
+"""Polygons of one photograph as COCO annotations with compressed run lengths. No mask of the whole image is made."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from zpm2.formats.properties import polygon_properties, prefixed
 from zpm2.formats.run_lengths import compressed, run_lengths
 from zpm2.model import Counterpart, Mask, Polygon
 
-CONTRIBUTOR = "zpm2"  # in the file's "info", by which we know our own
+CONTRIBUTOR = "zpm2"  # in the file's "info": tells our own files from others
 OURS = POLYGONS | {"id", "polygon_id", "image_id", "category_id", "segmentation", "bbox", "iscrowd"}
 REGION = "region"  # category of a polygon without a label
 
@@ -23,11 +22,11 @@ def coco(
     width: int,
     height: int,
     unmatched: Mapping[int, str] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The polygons of an image of `width` x `height` px as a COCO object, ready for JSON and for pycocotools.
 
-    `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; what of a mask lies
-    beyond the image is cut off. Annotations are numbered from 1, as 0 is no annotation for COCOeval; "polygon_id" is
+    `masks` gives each polygon's pixels, in the order of `polygons`, and is read one at a time; masks are cut at the
+    image's border. Annotations are numbered from 1, as COCOeval takes 0 for none; "polygon_id" is
     the polygon's id. "bbox" is [x, y, w, h] px of the pixels and "area" their number (all 0 where a polygon has no
     pixel). All else is as in our GeoJSON: `match_of` gives a polygon's match, `unmatched` why it has none. Categories
     are the labels in their alphabetical order and "region" for polygons without; their ids start at 1. `ValueError`
@@ -61,7 +60,7 @@ def _category(polygon: Polygon) -> str:
     return REGION if polygon.label is None else polygon.label
 
 
-def _region(mask: Mask, width: int, height: int) -> dict[str, Any]:
+def _region(mask: Mask, width: int, height: int) -> dict[str, object]:
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     bits = mask.bits[top : max(0, height - mask.y0), left : max(0, width - mask.x0)]
     x0, y0 = mask.x0 + left, mask.y0 + top

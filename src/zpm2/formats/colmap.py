@@ -1,11 +1,12 @@
 """COLMAP's files: cameras and poses in; a database and a two-view model out (package pycolmap, the extra `colmap`)."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from zpm2.files.listing import text
 from zpm2.files.record import refuse_foreign
 from zpm2.formats import colmap_binary as _binary
 from zpm2.model import Camera, PosedCamera
+
+if TYPE_CHECKING:
+    import pycolmap
 
 Array = NDArray[np.float64]
 
@@ -30,7 +34,7 @@ _MODELS: dict[str, Callable[..., tuple[float, ...]]] = {
 }
 
 
-def require_pycolmap() -> Any:
+def require_pycolmap() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import pycolmap
@@ -41,9 +45,9 @@ def require_pycolmap() -> Any:
 
 @contextmanager
 def colmap_can(what: str) -> Iterator[None]:
-    """Whatever pycolmap has against doing `what` inside becomes an `InputError` of one line.
+    """Turns any error that pycolmap raises inside into an `InputError` of one line: "COLMAP cannot `what`: ...".
 
-    It opens files itself, after our checks, and raises what its parsers and its disk give: `ValueError`, `IndexError`,
+    pycolmap opens files itself, after our checks, and raises many kinds of errors: `ValueError`, `IndexError`,
     `RuntimeError`, `MemoryError`.
     """
     try:
@@ -55,11 +59,12 @@ def colmap_can(what: str) -> Iterator[None]:
         raise InputError(f"COLMAP cannot {what}: {said}") from error
 
 
-def open_model(folder: Path) -> Any:
+def open_model(folder: Path) -> "pycolmap.Reconstruction":
     """The pycolmap.Reconstruction of a model that a run of ours wrote into its claimed folder.
 
-    pycolmap believes the counts in a model's files, of which seventy bytes take gigabytes: only files are opened that
-    are as they were written (`record.refuse_foreign`). `OutputError` for others, `InputError` for what COLMAP refuses.
+    pycolmap trusts the counts in a model's files, so a damaged file of seventy bytes can take gigabytes of memory. We
+    therefore open only files that are unchanged since zpm2 wrote them (`record.refuse_foreign`): `OutputError` for
+    others, `InputError` where COLMAP refuses a file.
     """
     for file in sorted(folder.glob("*.bin")):
         refuse_foreign(file)
@@ -67,8 +72,8 @@ def open_model(folder: Path) -> Any:
         return require_pycolmap().Reconstruction(str(folder))
 
 
-def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Camera:
-    """A camera of one of COLMAP's models; `InputError`, which calls it `what`, for fisheyes and other foreign ones."""
+def camera(model: str, size: tuple[int, int], parameters: Iterable[float], what: str) -> Camera:
+    """A camera of a COLMAP model. `InputError` (`what` names the camera) for models not in `_MODELS`, as fisheyes."""
     if model not in _MODELS:
         raise InputError(
             f"{what} has camera model {model}; known are {', '.join(_MODELS)}: undistort the images with COLMAP first"
@@ -81,7 +86,7 @@ def camera(model: str, size: tuple[int, int], parameters: Any, what: str) -> Cam
     return Camera(matrix, size, values[4:])
 
 
-def to_pycolmap(camera: Camera, key: int) -> Any:
+def to_pycolmap(camera: Camera, key: int) -> "pycolmap.Camera":
     """A pycolmap.Camera with an id: PINHOLE, OPENCV or FULL_OPENCV."""
     pycolmap = require_pycolmap()
     fx, fy, cx, cy = camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
@@ -97,21 +102,22 @@ def to_pycolmap(camera: Camera, key: int) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What the files of a model say. A camera is understood when it is asked for: a foreign one bars no other."""
+    """The content of a model's files. Cameras are interpreted on request, so that an unknown camera model does not stop
+    the use of the others."""
 
     folder: Path
     cameras: dict[int, tuple[str, tuple[int, int], tuple[float, ...]]]  # id -> model, size, parameters
     images: dict[str, tuple[int, Array, Array]]  # name with its sub-folder -> id of its camera, R (3, 3), t (3,)
 
     def camera(self, key: int) -> Camera:
-        """`InputError` for a camera that the model lacks, and for a foreign one."""
+        """`InputError` for a camera that the model lacks, and for a camera model that we do not support."""
         if key not in self.cameras:
-            raise InputError(f"{self.folder} has images of camera {key}, and no such camera: export the model again")
+            raise InputError(f"{self.folder} has images of camera {key} but lacks this camera: export it again")
         return camera(*self.cameras[key], f"camera {key} of {self.folder}")
 
 
 class Cameras(Mapping[str, Camera]):
-    """The cameras of a model by the names of its images, with their sub-folders; by id where it has no images."""
+    """The cameras of a model by image name (with sub-folders), or by camera id where the model has no images."""
 
     def __init__(self, model: Model) -> None:
         self._model = model
@@ -133,9 +139,11 @@ def read_cameras(path: Path) -> Cameras:
 
 
 def camera_of(cameras: Cameras, image: str | Path, what: str) -> Camera:
-    """The camera of an image file: of the image whose name, with the most of its sub-folders, ends the file's path;
-    else of the only image of this file name; else the only camera. `InputError`, which calls the model `what`, where
-    that leaves a choice."""
+    """The camera of an image file, found by the image's name in the model.
+
+    The longest name (with sub-folders) that the file's path ends with counts; else the only image with this file name;
+    else the only camera. `InputError` (`what` names the model) where several cameras remain.
+    """
     parts = Path(os.path.abspath(image)).parts
     named = [name for name in cameras if PurePosixPath(name).name == parts[-1]]
     ends = [name for name in named if parts[-len(PurePosixPath(name).parts) :] == PurePosixPath(name).parts]
@@ -154,8 +162,8 @@ def camera_of(cameras: Cameras, image: str | Path, what: str) -> Camera:
 def read_poses(folder: Path, notes: list[str] | None = None) -> dict[str, PosedCamera]:
     """The registered images of a model by name, as the model has it (with its sub-folder), in the order of their names.
 
-    `InputError` for what is no model, for one without images, and for a foreign camera; with `notes`, its images are
-    left out, and a note says so.
+    `InputError` where there is no model or no image, and for a camera model that we do not support. With `notes` the
+    images of such cameras are left out instead, and a note is added.
     """
     model = read_model(folder)
     if not model.images:
@@ -178,8 +186,8 @@ def read_poses(folder: Path, notes: list[str] | None = None) -> dict[str, PosedC
 def read_model(folder: Path, binary: bool = False) -> Model:
     """The model in a folder: text, else binary files.
 
-    Both are read here and not by pycolmap, which ends names in text at the first space, leaves out a last image without
-    a line of points, wants points3D, and believes every count in a binary file. `InputError` for what is no model.
+    We read both ourselves. pycolmap cuts names in text files at the first space, drops a last image that has no line of
+    points, requires points3D, and trusts every count in a binary file. `InputError` where there is no model.
     """
     if os.path.isfile(folder / "cameras.txt") and not binary:
         return _from_text(folder)
@@ -195,7 +203,7 @@ def _from_binary(folder: Path) -> Model:
         found = list(_binary.images(listed)) if listed.exists() else []
         images = {name: (key, *_pose(turn, shift)) for name, key, turn, shift in found}
     except (OSError, ValueError) as error:
-        raise InputError(f"{folder} is no complete COLMAP model: {error}; export it again") from error
+        raise InputError(f"{folder} is not a complete COLMAP model: {error}; export it again") from error
     return Model(folder, cameras, images)
 
 
@@ -208,12 +216,12 @@ def _from_text(folder: Path) -> Model:
             w, x, y, z, *shift = (float(word) for word in words[1:8])
             images[words[9].rstrip()] = int(words[8]), *_pose((w, x, y, z), shift)
     except (ValueError, LookupError) as error:
-        raise InputError(f"{folder} is no complete COLMAP model in text form: {error}") from error
+        raise InputError(f"{folder} is not a complete COLMAP model in text form: {error}") from error
     return Model(folder, cameras, images)
 
 
 def _pose(turn: Sequence[float], shift: Sequence[float]) -> tuple[Array, Array]:
-    """R and t of a quaternion (w, x, y, z), which need not have the length 1, and a translation."""
+    """R and t from a quaternion (w, x, y, z) of any length and a translation."""
     w, x, y, z = turn
     if not np.isfinite([*turn, *shift]).all():
         raise ValueError("it has a pose that is not finite")

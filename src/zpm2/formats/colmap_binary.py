@@ -1,17 +1,17 @@
-"""COLMAP's binary models: cameras.bin and images.bin, each count in them held against the file's length.
+"""COLMAP's binary models: cameras.bin and images.bin. Every count in them is checked against the file's length.
 
-https://colmap.github.io/format.html. pycolmap reads them too, but believes what they say: seventy bytes take gigabytes.
+https://colmap.github.io/format.html. pycolmap reads them too, but trusts the counts: a damaged file of
+seventy bytes can take gigabytes of memory.
 The other files (points3D.bin, rigs.bin, frames.bin) are not needed for cameras and poses.
 """
 
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from zpm2.files.reading import read_bytes
 
-CUT = "it is cut short, or no file of COLMAP"
+CUT = "it is cut short, or not a COLMAP file"
 # name and number of parameters of each camera model, by its id in the file
 MODELS = {
     0: ("SIMPLE_PINHOLE", 3),
@@ -42,12 +42,17 @@ class _Bytes:
     def __init__(self, path: Path) -> None:
         self.content, self.place = read_bytes(path), 0
 
-    def values(self, kinds: str) -> tuple[Any, ...]:
+    def integers(self, kinds: str) -> tuple[int, ...]:
+        """The next numbers, of these kinds (`struct`)."""
         start = self.skip(struct.calcsize("<" + kinds))
         return struct.unpack_from("<" + kinds, self.content, start)
 
+    def floats(self, count: int) -> tuple[float, ...]:
+        """The next `count` doubles."""
+        return struct.unpack_from(f"<{count}d", self.content, self.skip(8 * count))
+
     def skip(self, size: int) -> int:
-        """The byte from which `size` bytes are left behind."""
+        """Moves on by `size` bytes and returns where they begin."""
         start = self.place
         if start + size > len(self.content):
             raise ValueError(CUT)
@@ -55,7 +60,7 @@ class _Bytes:
         return start
 
     def name(self) -> str:
-        """Up to the next zero."""
+        """The text up to the next zero byte."""
         end = self.content.find(b"\0", self.place)
         if end < 0:
             raise ValueError(CUT)
@@ -63,32 +68,34 @@ class _Bytes:
         return self.content[start:end].decode("utf-8")
 
     def count(self, least: int) -> int:
-        """The number of records of at least `least` bytes that follow."""
-        (number,) = self.values("Q")
+        """The number of records that follow; `least` is the smallest size of one, in bytes."""
+        (number,) = self.integers("Q")
         if self.place + number * least > len(self.content):
             raise ValueError(CUT)
-        return int(number)
+        return number
 
 
 def cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], tuple[float, ...]]]:
-    """Of each camera: id, model, (width, height) px, parameters. `OSError` from the file, `ValueError` for what is in
-    it."""
+    """For each camera: id, model, (width, height) px, parameters. `OSError` where the file cannot be read, `ValueError`
+    where its content is wrong."""
     file = _Bytes(path)
     for _ in range(file.count(24)):
-        key, number, width, height = file.values("IiQQ")
+        key, number, width, height = file.integers("IiQQ")
         if number not in MODELS:
-            raise ValueError(f"camera {key} is of a camera model that COLMAP numbers {number}, which is not known")
+            raise ValueError(f"camera {key} has the unknown camera model number {number}")
         model, count = MODELS[number]
-        yield key, model, (width, height), file.values(f"{count}d")
+        yield key, model, (width, height), file.floats(count)
 
 
 def images(path: Path) -> Iterator[tuple[str, int, tuple[float, ...], tuple[float, ...]]]:
-    """Of each registered image: name, id of its camera, quaternion (w, x, y, z) and translation, world to camera.
+    """For each registered image: name, id of its camera, quaternion (w, x, y, z) and translation, world to camera.
 
     Errors as for `cameras`."""
     file = _Bytes(path)
     for _ in range(file.count(73)):
-        _, w, x, y, z, *shift, camera = file.values("I7dI")
+        file.integers("I")  # its id
+        turn, shift = file.floats(4), file.floats(3)
+        (camera,) = file.integers("I")
         name = file.name()
         file.skip(file.count(POINT) * POINT)
-        yield name, camera, (w, x, y, z), tuple(shift)
+        yield name, camera, turn, shift

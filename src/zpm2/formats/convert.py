@@ -1,7 +1,7 @@
 """Dataclasses to plain JSON values and back, by their fields and type hints.
 
-Every field is written, under its name, and read again as what its type hint says. So a new field is saved and loaded
-without another line of code. `Layout` describes how a class's JSON differs from that.
+Each field is written under its name and read back by its type hint, so a new field needs no further code. `Layout`
+describes where the JSON of a class differs from that.
 """
 
 import dataclasses
@@ -10,12 +10,16 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from operator import index
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 T = TypeVar("T")
-Members = dict[str, Any]  # of a JSON object
+Members = dict[str, Any]  # of a JSON object; a file may hold any values
+Reader = Callable[[Any], object]  # a JSON value -> the value of a field; raises for one of another type
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,18 +33,18 @@ class Layout:
     unsaved: Sequence[str] = ()  # fields that files do not have
     shapes: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)  # of arrays; -1: any length
     decimals: Mapping[str, int] = dataclasses.field(default_factory=dict)  # of arrays that are rounded
-    fold: Callable[[Any, Members], Members] | None = None  # changes the members of an object before they are written
+    fold: Callable[[Any, Members], Members] | None = None  # changes an object's members before they are written
     unfold: Callable[[Members], Members] | None = None  # undoes `fold`
-    check: Callable[[Any], None] | None = None  # raises `ValueError` for an object that no file may hold
+    check: Callable[[Any], None] | None = None  # raises `ValueError` for an object with invalid values
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """A dataclass and its layout, made ready once."""
+    """What is needed to convert a dataclass, prepared once."""
 
     kind: type
     layout: Layout
-    read_as: Callable[[Any, tuple[int, ...] | None], Callable[[Any], Any]]
+    read_as: Callable[[object, tuple[int, ...] | None], Reader]
 
     @cached_property
     def fields(self) -> list[tuple[str, str]]:
@@ -49,21 +53,35 @@ class _Plan:
         return [(name, self.layout.names.get(name, name)) for name in names]
 
     @cached_property
-    def readers(self) -> dict[str, Callable[[Any], Any]]:
-        """By field."""
+    def readers(self) -> dict[str, Reader]:
+        """How to read each field."""
         hints = typing.get_type_hints(self.kind)
         return {name: self.read_as(hints[name], self.layout.shapes.get(name)) for name, _ in self.fields}
 
 
 class Converter:
-    """Converts dataclasses, each by its layout where it has one."""
+    """Converts dataclasses, by their layouts where they have one."""
 
     def __init__(self, layouts: Mapping[type, Layout]) -> None:
         self.layouts = layouts
         self._plans: dict[type, _Plan] = {}
 
-    def to_plain(self, value: Any, decimals: int | None = None) -> Any:
-        """A value as JSON has it: dataclasses as objects, arrays as nested lists."""
+    def to_plain(self, value: "DataclassInstance") -> Members:
+        """A dataclass as a JSON object; dataclasses in it are objects too, arrays nested lists."""
+        plan = self._plan(type(value))
+        layout, members = plan.layout, Members()
+        for name, member in plan.fields:
+            held = getattr(value, name)
+            if name in layout.sparse and (held is None or not len(held)):
+                continue
+            members[member] = self._value(held, layout.decimals.get(name))
+        if layout.fold is not None:
+            members = layout.fold(value, members)
+        first = {name: members[name] for name in layout.order if name in members}
+        return first | members
+
+    def _value(self, value: object, decimals: int | None = None) -> object:
+        """What a field holds, as JSON has it."""
         if value is None or isinstance(value, str | int | float):
             return value
         if isinstance(value, np.ndarray):
@@ -71,22 +89,12 @@ class Converter:
         if isinstance(value, Mapping):
             return dict(value)
         if isinstance(value, list | tuple):
-            return [self.to_plain(item) for item in value]
-        if not dataclasses.is_dataclass(value):
-            return value  # JSON by itself, or none at all
-        plan = self._plan(type(value))
-        layout, members = plan.layout, Members()
-        for name, member in plan.fields:
-            held = getattr(value, name)
-            if name in layout.sparse and (held is None or not len(held)):
-                continue
-            members[member] = self.to_plain(held, layout.decimals.get(name))
-        if layout.fold is not None:
-            members = layout.fold(value, members)
-        first = {name: members[name] for name in layout.order if name in members}
-        return first | members
+            return [self._value(item) for item in value]
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return self.to_plain(value)
+        return value  # plain JSON already; `json.dumps` refuses anything else
 
-    def from_plain(self, kind: type[T], members: Mapping[str, Any]) -> T:
+    def from_plain(self, kind: type[T], members: Members) -> T:
         """The dataclass that `to_plain` wrote. `LookupError`, `TypeError` or `ValueError` for members that are missing
         or of another type."""
         plan = self._plan(kind)
@@ -109,7 +117,7 @@ class Converter:
             self._plans[kind] = _Plan(kind, self.layouts.get(kind, Layout()), self._reader)
         return self._plans[kind]
 
-    def _reader(self, hint: Any, shape: tuple[int, ...] | None = None) -> Callable[[Any], Any]:
+    def _reader(self, hint: object, shape: tuple[int, ...] | None = None) -> Reader:
         """Reads a value of a type hint."""
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin in (types.UnionType, typing.Union):
@@ -134,34 +142,38 @@ class Converter:
             return _text
         return _SCALARS.get(hint, _unchanged)
 
-    def _union_reader(self, kinds: Sequence[Any], shape: tuple[int, ...] | None) -> Callable[[Any], Any]:
-        """`unfold` may have put an object of one of the classes in the place of null."""
-        done: Any = tuple(kind for kind in kinds if kind is type(None) or dataclasses.is_dataclass(kind))
+    def _union_reader(self, kinds: Sequence[object], shape: tuple[int, ...] | None) -> Reader:
+        """For a field of several types. `unfold` may have replaced null by an object of one of the classes."""
+        done = tuple(kind for kind in kinds if isinstance(kind, type) and _is_made(kind))
         (other,) = (kind for kind in kinds if kind not in done)
         read = self._reader(other, shape)
         return lambda value: value if isinstance(value, done) else read(value)
 
 
-def _unchanged(value: Any) -> Any:
+def _is_made(kind: type) -> bool:
+    return kind is type(None) or dataclasses.is_dataclass(kind)
+
+
+def _unchanged(value: object) -> object:
     return value
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{value!r:.40} is no number")
+        raise TypeError(f"{value!r:.40} is not a number")
     return value
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if not isinstance(value, str):
-        raise TypeError(f"{value!r:.40} is no text")
+        raise TypeError(f"{value!r:.40} is not text")
     return value
 
 
-def _truth(value: Any) -> bool:
+def _truth(value: object) -> bool:
     if not isinstance(value, bool):
         raise TypeError(f"{value!r:.40} is neither true nor false")
     return value
 
 
-_SCALARS: Mapping[Any, Callable[[Any], Any]] = {int: index, float: _number, str: _text, bool: _truth}
+_SCALARS: Mapping[object, Reader] = {int: index, float: _number, str: _text, bool: _truth}

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +28,12 @@ def _check_ring(ring: NDArray[np.float64]) -> None:
 
 
 def _check_crs(geo: Georeference) -> None:
-    if geo.crs is not None and not _CRS.fullmatch(geo.crs):  # GDAL takes addresses and names of files too
+    if geo.crs is not None and not _CRS.fullmatch(geo.crs):  # GDAL would also accept URLs and file names
         raise ValueError(f"crs {geo.crs[:40]!r} is neither EPSG:... nor WKT")
 
 
 def _fold_side(side: ImagePolygons, members: Members) -> Members:
-    """The georeference's members stand beside the side's, and a polygon has the reason why it is unmatched."""
+    """Puts the georeference's members beside the side's own, and the reason for no match into each polygon."""
     geo, reasons = members.pop("geo"), members.pop("unmatched")
     for polygon in members["polygons"]:
         if polygon["id"] in reasons:
@@ -79,10 +78,5 @@ LAYOUTS: Mapping[type, Layout] = {
 _CONVERTER = Converter(LAYOUTS)
 
 
-def to_plain(value: ImagePolygons | PointMatches | PolygonMatch) -> dict[str, Any]:
-    """A part of `matches.json`."""
-    plain: dict[str, Any] = _CONVERTER.to_plain(value)
-    return plain
-
-
+to_plain = _CONVERTER.to_plain
 from_plain = _CONVERTER.from_plain

@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,29 +14,29 @@ from zpm2.formats.properties import OURS, plain, polygon_properties, prefixed, u
 from zpm2.model import Counterpart, Polygon
 
 FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
-ID_NAMES = ("id", "fid", "objectid")  # of properties that hold an id, as programs write them, whatever their case
+ID_NAMES = ("id", "fid", "objectid")  # properties in which programs write an id, in upper or lower case
 HIGHEST_SCORE = 1.1  # SAM predicts an IoU slightly above 1 at times
-MAX_COORDINATE = 1e9  # px, a coordinate beyond it is no pixel of any image
+MAX_COORDINATE = 1e9  # px, no image has a pixel at a larger coordinate
 
 Rings = list[NDArray[np.float64]]  # exterior first, then holes, each (n, 2) image px, not repeated at the end
 
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One feature of a file: its polygons as they stand there, not checked for validity."""
+    """One feature of a file; its polygons are not checked for validity."""
 
-    name: str  # how a message calls it
+    name: str  # for messages
     parts: tuple[Rings, ...]  # one for a Polygon, several for a MultiPolygon, none for any other geometry
-    id: int | None  # where the file's is a whole number
-    source_id: str | None  # the file's as text
+    id: int | None  # None where the file's id is not a whole number
+    source_id: str | None  # the file's id as text
     score: float
     label: str | None
-    properties: dict[str, Any]  # all others
+    properties: dict[str, object]  # all other properties
 
 
 @dataclass(frozen=True, eq=False)
 class FeatureCollection:
-    """What `parse` found: the features, and size and name of the photograph where the file says them."""
+    """The features of a file, and the size and name of the photograph where the file states them."""
 
     features: list[Feature]
     size: tuple[int, int] | None  # (width, height) px
@@ -51,13 +50,13 @@ def feature_collection(
     width: int,
     height: int,
     unmatched: Mapping[int, str] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The polygons of an image of `width` x `height` px as a GeoJSON FeatureCollection in image px.
 
-    `match_of` gives its match, `unmatched` why it has none, by polygon id. GeoJSON knows geographic coordinates only,
-    so the frame is named in the member "coordinate_frame", and "crs": null (GeoJSON 2008: no reference system) is for
-    programs that would take pixels for degrees. Exteriors run counter-clockwise by their numbers, as RFC 7946 wants, y
-    pointing down.
+    By polygon id, `match_of` gives the match and `unmatched` the reason why there is none. GeoJSON only defines
+    geographic coordinates. So the member "coordinate_frame" names the frame, and "crs": null (GeoJSON 2008: no
+    reference system) tells programs not to take pixels for degrees. Exteriors have a positive shoelace sum, as RFC 7946
+    asks for, although y points down here.
     """
     partners, reasons = match_of or {}, unmatched or {}
     return {
@@ -69,53 +68,57 @@ def feature_collection(
     }
 
 
-def write(path: str | Path, collection: Mapping[str, Any]) -> Path:
-    """Writes a GeoJSON object, one feature a line, whole or not at all. Coordinates keep every bit."""
+def write(path: str | Path, collection: Mapping[str, object]) -> Path:
+    """Writes a GeoJSON object, one feature a line. The file is complete or unchanged; coordinates keep every bit."""
     members = [
-        f"{json.dumps(name)}: {_dump(value) if name != 'features' else _lines(value)}"
+        f"{json.dumps(name)}: {_lines(value) if name == 'features' and isinstance(value, list) else _dump(value)}"
         for name, value in collection.items()
     ]
     return atomic_write(path, "{\n" + ",\n".join(members) + "\n}\n")
 
 
-def parse(data: Any, source: str) -> FeatureCollection:
+def parse(data: object, source: str) -> FeatureCollection:
     """The features of a parsed GeoJSON FeatureCollection; `source` names the file in messages.
 
     A feature's id stands beside its geometry or among its properties (`ID_NAMES`); "score" and "label" are properties.
-    Raises `InputError` for what is no FeatureCollection, for a reference system (coordinates are to be px), for broken
-    coordinates and for a wrong score.
+    Raises `InputError` for anything but a FeatureCollection, for a reference system (coordinates must be px), and for
+    wrong coordinates or scores.
     """
-    features = data.get("features") if isinstance(data, dict) else None
-    if not isinstance(features, list) or data.get("type") != "FeatureCollection":
-        raise InputError(f"{source} is no GeoJSON FeatureCollection: write its polygons as one")
-    _check_frame(data, source)
+    if (
+        not isinstance(data, dict)
+        or data.get("type") != "FeatureCollection"
+        or not isinstance(features := data.get("features"), list)
+    ):
+        raise InputError(f"{source} is not a GeoJSON FeatureCollection: write its polygons as one")
+    _check_frame([data, *features], source)
     ours = data.get("coordinate_frame") == FRAME
     parsed = [_parse_feature(feature, f"feature {k} of {source}", ours) for k, feature in enumerate(features)]
-    image = data.get("image") if isinstance(data.get("image"), dict) else {}
-    width, height, name = (image.get(member) for member in ("width", "height", "name"))
+    image = data.get("image")
+    width, height, name = (
+        image.get(member) if isinstance(image, dict) else None for member in ("width", "height", "name")
+    )
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
     return FeatureCollection(parsed, size, name if isinstance(name, str) else None)
 
 
-def ring(values: Any, name: str) -> NDArray[np.float64]:
+def ring(values: Sequence[Sequence[float]], name: str) -> NDArray[np.float64]:
     """(n, 2) float64 vertices of a list of positions (further numbers, as heights, are dropped), not repeated at the
-    end. `InputError` where a position is no pair of finite numbers; `name` says whose ring it is."""
+    end. `InputError` where a position is not a pair of finite numbers; `name` says whose ring it is."""
     try:
         vertices = np.array([position[:2] for position in values], np.float64).reshape(len(values), 2)
     except (TypeError, ValueError, KeyError, OverflowError) as error:
-        raise InputError(f"{name} has coordinates that are no list of [x, y] positions: correct the file") from error
+        raise InputError(f"{name} has coordinates that are not a list of [x, y] positions: correct the file") from error
     if not (np.abs(vertices) < MAX_COORDINATE).all():
         raise InputError(f"{name} has a coordinate that is not a finite number of pixels: correct the file")
     closed = len(vertices) > 1 and (vertices[0] == vertices[-1]).all()
     return vertices[:-1] if closed else vertices
 
 
-def score(value: Any, name: str) -> float:
-    """A quality 0..1 from a file: 1 where it has none, cut at 1. `InputError` beyond `HIGHEST_SCORE`."""
+def score(value: object, name: str) -> float:
+    """A quality 0..1 from a file: 1 where it has none, at most 1. `InputError` beyond `HIGHEST_SCORE`."""
     if value is None:
         return 1.0
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0 <= value <= HIGHEST_SCORE:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= HIGHEST_SCORE:
         raise InputError(
             f"{name} has the score {value!r}: it must be a number from 0 to 1 (divide percentages by 100, or give what "
             "is no quality another name)"
@@ -123,8 +126,8 @@ def score(value: Any, name: str) -> float:
     return min(float(value), 1.0)
 
 
-def region_id(value: Any) -> int | None:
-    """A whole number that is not negative, also where it is written as text or as 12.0 (as some programs write ids)."""
+def region_id(value: object) -> int | None:
+    """A whole number that is not negative, also where a program wrote it as text or as 12.0; else None."""
     if isinstance(value, str) and value.isdecimal():
         return int(value)
     if isinstance(value, float) and value.is_integer():
@@ -132,7 +135,7 @@ def region_id(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
-def id_text(value: Any) -> str | None:
+def id_text(value: object) -> str | None:
     """An id of any kind as text; None where there is none."""
     if value is None or value == "":
         return None
@@ -140,12 +143,12 @@ def id_text(value: Any) -> str | None:
     return plain(value) if isinstance(value, str) else json.dumps(value if number is None else number)
 
 
-def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
-    """The properties of a polygon's feature: ours, and those that it was given with."""
+def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
+    """The properties of a polygon's feature: ours, and those of the file that the region came from."""
     return {**polygon_properties(polygon, partner, unmatched), **prefixed(polygon.properties, OURS)}
 
 
-def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     rings = [np.concatenate([r, r[:1]]).tolist() for r in (polygon.exterior, *polygon.holes)]
     return {
         "type": "Feature",
@@ -155,17 +158,17 @@ def _feature(polygon: Polygon, partner: Counterpart | None, unmatched: str | Non
     }
 
 
-def _dump(value: Any) -> str:
+def _dump(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _lines(features: Sequence[Any]) -> str:
+def _lines(features: list[object]) -> str:
     return "[\n" + ",\n".join(_dump(feature) for feature in features) + "\n]"
 
 
-def _check_frame(data: dict[str, Any], source: str) -> None:
+def _check_frame(holders: Sequence[object], source: str) -> None:
     """`InputError` where a collection, a feature or a geometry names a reference system (GeoJSON 2008)."""
-    for holder in (data, *data["features"]):
+    for holder in holders:
         geometry = holder.get("geometry") if isinstance(holder, dict) else None
         for member in (holder, geometry):
             crs = member.get("crs") if isinstance(member, dict) else None
@@ -178,17 +181,17 @@ def _check_frame(data: dict[str, Any], source: str) -> None:
                 )
 
 
-def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
-    """`ours`: of a file that `feature_collection` made."""
+def _parse_feature(feature: object, name: str, ours: bool) -> Feature:
+    """`ours`: the file was made by `feature_collection`."""
     if not isinstance(feature, dict):
-        raise InputError(f"{name} is no GeoJSON feature: correct the file")
+        raise InputError(f"{name} is not a GeoJSON feature: correct the file")
     geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
     if not isinstance(geometry, dict) or not isinstance(properties, dict):
-        raise InputError(f"{name} has a geometry or properties that are no objects: correct the file")
+        raise InputError(f"{name} has a geometry or properties that are not objects: correct the file")
     coordinates, kind = geometry.get("coordinates"), geometry.get("type")
     parts = [coordinates] if kind == "Polygon" else coordinates if kind == "MultiPolygon" else []
     if not isinstance(parts, list) or not all(isinstance(part, list) for part in parts):
-        raise InputError(f"{name} has coordinates that are no {kind}: correct the file")
+        raise InputError(f"{name} has coordinates that are not those of a {kind}: correct the file")
     label, own_id, source_id = properties.get("label"), _own_id(feature, properties), properties.get("source_id")
     others = {key: value for key, value in properties.items() if key not in ("label", "score")}
     return Feature(
@@ -202,7 +205,7 @@ def _parse_feature(feature: Any, name: str, ours: bool) -> Feature:
     )
 
 
-def _own_id(feature: dict[str, Any], properties: dict[str, Any]) -> Any:
+def _own_id(feature: dict[str, object], properties: dict[str, object]) -> object:
     """The feature's id, or else the first property that is one."""
     if feature.get("id") is not None:
         return feature["id"]

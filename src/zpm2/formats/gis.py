@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import shapely
@@ -27,13 +27,13 @@ from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 
-GEOPACKAGE = "1.2"  # version of the format: of newer ones a GIS of some years ago says that it may not read them well
-NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for what a GeoPackage says of when it was written
+GEOPACKAGE = "1.2"  # version of the format; an older GIS warns of newer ones
+NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for the date in a GeoPackage
 GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
 MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
-RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that formats make for themselves
+RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that the formats add themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
-SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile, others' too
+SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile
 
 _SETTING = threading.Lock()
 
@@ -42,15 +42,15 @@ _SETTING = threading.Lock()
 class _Table:
     """Columns of a layer: name -> (n,) values. Null is NaN, None, or where `nulls` (for integers) is true."""
 
-    columns: dict[str, NDArray[Any]]
+    columns: dict[str, NDArray[np.generic]]
     nulls: dict[str, NDArray[np.bool_]]
 
-    def with_properties(self, rows: Sequence[Mapping[str, Any]], driver: str) -> "_Table":
-        """And the properties that its n polygons were given with, each in a column of its own, as many as fit.
+    def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "_Table":
+        """The table with a column for each property that its n polygons were given with, as many as the format allows.
 
-        A name that is taken (formats do not tell upper from lower case) gets a prefix; where names are short, what is
-        cut alike gets a number. Columns of truth values, of whole numbers and of numbers stay so; all others are text,
-        JSON where a value is none.
+        A name that is taken (formats ignore case) gets a prefix. A shapefile cuts names to 10 bytes; names that become
+        equal get a number. Columns of only booleans, integers or numbers keep their type. All others become text, with
+        values that are not text as JSON.
         """
         columns, nulls = dict(self.columns), dict(self.nulls)
         taken = {*columns, "source_id", *RESERVED}
@@ -66,17 +66,17 @@ class _Table:
         return _Table(columns, nulls)
 
 
-def property_names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The names of given properties, in the order in which they come."""
+def property_names(rows: Iterable[Mapping[str, object]]) -> list[str]:
+    """The names of given properties, in order of appearance."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def _cut(name: str, end: str) -> str:
-    """At most 10 bytes of a name, with `end`."""
+    """A name with `end`, cut to 10 bytes."""
     return name.encode()[: 10 - len(end)].decode(errors="ignore") + end
 
 
-def require_pyogrio() -> Any:
+def require_pyogrio() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import pyogrio.raw
@@ -101,8 +101,8 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
     photograph or in the undefined Cartesian one, with the fields polygon_id, area_px, area_m2 (null where no ground
     sampling distance is known), score, parent, label, match (partner's polygon_id), match_id, confidence, unmatched; of
     given regions source_id and their properties. And a table "matches" without geometry: match_id, left, right
-    (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it cannot be written, and `path` is then
-    what it was before.
+    (polygon_ids), confidence, cost, dsf, stage, overlap. `OutputError` where it cannot be written; `path` then stays
+    as it was.
     """
     path = Path(path)
     with _moved_into(path.parent, path) as folder:
@@ -111,7 +111,7 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
             srs = {"SRID": "-1"} if layer.crs is None else {}
             _write(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
         _write(temporary, GPKG, "matches", _match_table(matches))
-        for suffix in LOG_FILES:  # of the file that was there: SQLite would apply them to the new one
+        for suffix in LOG_FILES:  # of the old file: SQLite would apply them to the new one
             remove_own(path.with_name(path.name + suffix))
         move_into_place(temporary, path)
     return path
@@ -139,7 +139,7 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
 
 
 def messages(layers: Sequence[Layer]) -> list[str]:
-    """What files for a GIS miss, and notes of how they are made."""
+    """Warnings of what files for a GIS will lack, and notes on how they are made."""
     found: list[str] = []
     for layer in layers:
         geo, image = layer.geo, f"{layer.name} image"
@@ -152,7 +152,7 @@ def messages(layers: Sequence[Layer]) -> list[str]:
                 )
             )
         elif geo.rpc and layer.crs is None:
-            found.append(f"{image}: its RPC does not reach all of its polygons: files for a GIS are in image px")
+            found.append(f"{image}: its RPC does not cover all of its polygons: files for a GIS are in image px")
         if geo.crs is None and geo.transform is not None:
             found.append(
                 f"{image}: its geotransform has no reference system, results are in image px: assign the one it is in"
@@ -218,17 +218,18 @@ def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
     )
 
 
-def _column(values: Sequence[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """(n,) JSON values of any kinds in one type, and (n,) which of them are null."""
+def _column(values: Sequence[object]) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
+    """(n,) JSON values of any types as one type, and (n,) which of them are null."""
     null = np.array([value is None for value in values], bool)
     kinds = {type(value) for value in values if value is not None}
     if kinds == {bool}:
         return np.array([bool(value) for value in values], bool), null
     fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
     if kinds == {int} and fit:
-        return _integers(values)
+        return _integers([value for value in values if isinstance(value, int | None)])
     if kinds in ({float}, {int, float}) and fit:
-        return np.array([np.nan if value is None else float(value) for value in values], np.float64), null
+        numbers = [np.nan if value is None else value for value in values if isinstance(value, int | float | None)]
+        return np.array(numbers, np.float64), null
     texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
     return np.array(texts, object), null
 
@@ -273,9 +274,9 @@ def _write(
 
 
 @contextlib.contextmanager
-def _undated(pyogrio: Any) -> Iterator[None]:
-    """GDAL writes `EPOCH` for the time of writing, so that the same polygons give the same bytes, unless the user has
-    told it another time. The setting is the process's, so one thread at a time makes it."""
+def _undated(pyogrio: ModuleType) -> Iterator[None]:
+    """Makes GDAL write `EPOCH` as the date, so that the same polygons give the same bytes, unless the user has
+    set another time. The setting holds for the whole process, so only one thread at a time may change it."""
     with _SETTING:
         before = pyogrio.get_gdal_config_option(NOW)
         pyogrio.set_gdal_config_options({NOW: before or f"{EPOCH}T00:00:00.000Z"})
@@ -287,10 +288,10 @@ def _undated(pyogrio: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) -> Iterator[None]:
-    """Names a full disk as the reason of a failed write.
+    """Reports a full disk as the reason for a failed write.
 
-    GDAL reports only that a transaction failed, and has freed the space by then. So this checks whether the disk has
-    room for about what was to be written.
+    GDAL only reports that a transaction failed, and has freed the space by then. So we check whether the disk has room
+    for about the size of the file.
     """
     try:
         yield
@@ -303,9 +304,9 @@ def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) 
 
 @contextlib.contextmanager
 def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
-    """A folder in `parent` for files on their way to `target`; it goes away whatever happens.
+    """A temporary folder in `parent` for files that will become `target`; always removed at the end.
 
-    `OutputError` for what the system or GDAL have against the writing.
+    `OutputError` where the system or GDAL cannot write.
     """
     require_pyogrio()
     try:

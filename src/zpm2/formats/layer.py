@@ -1,9 +1,9 @@
-"""The polygons of one photograph where they lie on the ground, by its reference system or its RPCs (extra `geo`)."""
+"""The polygons of one photograph on the ground, by its reference system or its RPCs (extra `geo`)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import shapely
@@ -22,7 +22,7 @@ DEGREES = 8  # decimals of longitude and latitude: about 1 mm
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The polygons of one photograph with what a GIS shows of them."""
+    """The polygons of one photograph, and all that a GIS shows with them."""
 
     name: str  # "left" or "right"
     polygons: Sequence[Polygon]
@@ -33,12 +33,12 @@ class Layer:
     @property
     def crs(self) -> str | None:
         """The reference system that the layer lies in: the photograph's, or longitude and latitude where RPCs place it,
-        at their mean height; None for image px, where nothing places it, or not all of its polygons."""
+        at their mean height. None (image px) where nothing places the photograph, or RPCs do not cover all polygons."""
         return self._placed[0]
 
     @property
     def by_rpc(self) -> bool:
-        """Whether it is in longitude and latitude by RPC."""
+        """Whether RPCs place the layer, in longitude and latitude."""
         return self.crs is not None and not self.geo.located
 
     @cached_property
@@ -67,8 +67,8 @@ def layers_of(result: PairResult) -> tuple[Layer, Layer]:
 def world_shapes(layer: Layer) -> NDArray[np.object_]:
     """(n,) shapely polygons in the CRS of the layer, in the order of a GIS (easting or longitude first).
 
-    Where nothing places the photograph (`Layer.crs`) they are in image px with y negated, which is where QGIS draws an
-    image without georeference. Exteriors run counter-clockwise in these coordinates, holes clockwise.
+    Where nothing places the photograph (`Layer.crs` is None) they are in image px with y negated, as QGIS draws images
+    without a georeference. Exteriors run counter-clockwise in these coordinates, holes clockwise.
     """
     _, ring_of, first_ring = _vertices(layer.polygons)
     vertices = layer._placed[1] * (1, -1 if layer.crs is None else 1)
@@ -77,13 +77,13 @@ def world_shapes(layer: Layer) -> NDArray[np.object_]:
     return np.asarray(shapely.from_ragged_array(polygon_type, closed, (offsets, first_ring)), object)
 
 
-def feature_collection(layer: Layer) -> dict[str, Any]:
+def feature_collection(layer: Layer) -> dict[str, object]:
     """The layer as a GeoJSON FeatureCollection of RFC 7946: WGS 84 longitude and latitude in degrees, 8 decimals.
 
     The layer must have a CRS (`Layer.crs`); for others there is `formats.geojson`. "id" is the polygon's; properties
     are those of `formats.geojson` ("area" in px^2) and "area_m2". Exteriors run counter-clockwise. A polygon
-    across the antimeridian is not cut: its longitudes go on past 180 or -180, so that its outline does not jump.
-    `InputError` where the CRS has no way to longitude and latitude, or a vertex lies where it is not defined.
+    across the antimeridian is not cut: its longitudes continue beyond 180 or -180, so that its outline has no jump.
+    `InputError` where the CRS cannot be converted to longitude and latitude, or not at some vertex.
     """
     assert layer.crs is not None
     _, ring_of, first_ring = _vertices(layer.polygons)
@@ -124,7 +124,7 @@ def _closed(
     clockwise; and (r + 1,) the row at which each begins."""
     sizes = np.bincount(ring_of)
     starts = np.cumsum(sizes) - sizes
-    here = vertices - vertices[starts[ring_of]]  # small numbers, whose products keep their digits
+    here = vertices - vertices[starts[ring_of]]  # small numbers, so that products keep their digits
     after = np.arange(len(vertices)) + 1
     after[starts + sizes - 1] = starts
     cross = here[:, 0] * here[after, 1] - here[:, 1] * here[after, 0]
@@ -171,7 +171,7 @@ def square_meters(geo: Georeference) -> float | None:
     return abs(float(np.linalg.det(geo.transform[:, :2]))) * float(crs.linear_units_factor[1]) ** 2
 
 
-def _require_rasterio() -> Any:
+def _require_rasterio() -> ModuleType:
     try:
         import rasterio.crs
         import rasterio.warp

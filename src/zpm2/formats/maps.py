@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -15,7 +14,7 @@ from zpm2.photos.pictures import DAMAGE
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 BYTES_PER_PX = 12  # bytes a pixel of a PNG: as it is stored, and twice as a float
-MAX_OTHER_SIGN = 0.05  # share of the known values that may have the other sign
+MAX_OTHER_SIGN = 0.05  # share of the known values that may have the opposite sign
 _ONE_BAND = ("L", "I", "I;16", "I;16B", "I;16L")  # PIL's modes of 8- and 16-bit grey
 
 
@@ -26,8 +25,8 @@ def read_map(path: str | Path, size: tuple[int, int] | None = None, scale: float
         (KITTI: scale 256; depth in mm: 1000), or a .npy of shape (h, w). size: (width, height) px that the image has,
         None for any.
 
-    Unknown are 0, infinity, NaN and what is below 0; a map that is nowhere above 0 holds depths along -z, and their
-    sign is dropped. `InputError` names the file when it is missing, damaged, of another kind or size, or holds no known
+    Unknown are 0, infinity, NaN and negative values. A map without positive values holds depths along -z; their sign is
+    dropped. `InputError` names the file when it is missing, damaged, of another kind or size, or without a known
     value.
     """
     values = _read(Path(path), size)
@@ -46,8 +45,8 @@ def read_disparity(
     sign: 1, the disparity is value / scale, negative where the right photograph comes first; -1 for a file that stores
         the opposite; 0 for files that store either, of pairs whose left photograph is known to come first.
 
-    Unknown are 0, infinity and NaN, and the values of the other sign than most, where they are few or mark what is
-    unknown (-1, or one value far below 0). `InputError` as for `read_map`, and where more than 5 % have the other sign.
+    Unknown are 0, infinity and NaN, and values of the opposite sign where they are few or a marker for unknown (-1,
+    or one value far below 0). `InputError` as for `read_map`, and where more than 5 % have the opposite sign.
     """
     values = _read(Path(path), size)
     below, above = values < 0, values > 0
@@ -67,7 +66,7 @@ def read_disparity(
 
 
 def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
-    """The numbers of the file, not all of them 0; NaN for those that are not finite."""
+    """The numbers of the file, NaN where they are not finite. `InputError` where all are 0 or not finite."""
     read = {".pfm": _read_pfm, ".png": _read_png, ".npy": _read_npy}.get(path.suffix.lower())
     if read is None:
         raise InputError(f"map {path} must be a .pfm, .png or .npy file: convert it")
@@ -76,7 +75,7 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
     except FileNotFoundError as error:
         raise InputError(f"map {path} does not exist: check the path, or download it again") from error
     except (*DAMAGE, PIL.Image.DecompressionBombError) as error:
-        raise InputError(f"map {path} is damaged or no {path.suffix} file: copy or download it again") from error
+        raise InputError(f"map {path} is damaged or not a {path.suffix} file: copy or download it again") from error
     except MemoryError as error:
         raise InputError(f"map {path} needs more memory than there is: give a smaller one") from error
     height, width = found.shape
@@ -84,11 +83,11 @@ def _read(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
         raise InputError(
             f"map {path} has {width} x {height} px, its image {size[0]} x {size[1]} px: give the map of this image"
         )
-    found = np.array(found, np.float32, order="C")
-    found[~np.isfinite(found)] = np.nan
-    if not (np.nan_to_num(found) != 0).any():
+    values = np.array(found, np.float32, order="C")
+    values[~np.isfinite(values)] = np.nan
+    if not (np.nan_to_num(values) != 0).any():
         raise InputError(f"map {path} holds no known value, all of it is 0 or not finite: give another one")
-    return found
+    return values
 
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:
@@ -106,7 +105,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
     return rows[::-1]  # the bottom row comes first
 
 
-def _read_png(path: Path) -> NDArray[Any]:
+def _read_png(path: Path) -> NDArray[np.generic]:
     with PIL.Image.open(regular(path), formats=["PNG"]) as picture:
         check_length(*picture.size, "PNG", path, f"map {path}")
         check_memory(*picture.size, BYTES_PER_PX, f"map {path}")
@@ -115,8 +114,8 @@ def _read_png(path: Path) -> NDArray[Any]:
         return np.asarray(picture)
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
-    values: NDArray[Any] = read_array(path)
+def _read_npy(path: Path) -> NDArray[np.generic]:
+    values = read_array(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(f"map {path} holds {values.dtype} of shape {values.shape}: give numbers of shape (h, w)")
     return values

@@ -1,10 +1,9 @@
-"""Meshes of PLY, OBJ and OFF files as they are stored: vertices, and faces of any number of corners."""
+"""Meshes from PLY, OBJ and OFF files as stored: vertices, and faces with any number of corners."""
 
 import re
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from zpm2.files.reading import read_bytes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Polygons = list[Indices]  # faces of one number of corners each: (m, k)
+Polygons = list[Indices]  # (m, k) each: m faces with k corners
 
 CUT = "it is cut short: copy or download it again"
 _KINDS = {
@@ -42,12 +41,13 @@ _Element = tuple[str, int, list[_Property]]  # name, how many, of what
 def read_mesh(path: Path) -> tuple[Array, Polygons]:
     """(n, 3) vertices and the faces of a .ply (text or binary of either byte order), .obj or .off file.
 
-    `ValueError` for what is none, is cut short, or has faces of vertices that it lacks; `OSError` from the file.
+    `ValueError` for another format, a file that is cut short, and faces with vertices that do not exist. `OSError`
+    where the file cannot be read.
     """
     read = {".ply": _ply, ".obj": _obj, ".off": _off}[path.suffix.lower()]
     vertices, faces = read(read_bytes(path))
     if any(len(part) and (part.min() < 0 or part.max() >= len(vertices)) for part in faces):
-        raise ValueError("it has faces of vertices that it does not have: export it again")
+        raise ValueError("its faces name vertices that it does not have: export it again")
     return vertices, faces
 
 
@@ -57,7 +57,7 @@ def _ply(content: bytes) -> tuple[Array, Polygons]:
         raise ValueError("it has no PLY header")
     form, elements = _header(content[: header.end()].decode("latin-1"))
     buffer, place = content, header.end()
-    if form == "ascii":  # as if it were binary, all numbers doubles
+    if form == "ascii":  # converted to binary, all numbers as doubles
         buffer, place = np.array(content[header.end() :].split(), np.float64).tobytes(), 0
         elements = [
             (n, count, [(p, "=f8", length and "=f8") for p, _, length in props]) for n, count, props in elements
@@ -95,7 +95,7 @@ def _header(text: str) -> tuple[str, list[_Element]]:
 
 
 def _places(buffer: bytes, start: int, count: int, properties: Sequence[_Property]) -> tuple[int, dict[str, Indices]]:
-    """The byte after an element, and for each property the byte at which each record has it (a list: its length)."""
+    """Where an element ends, and where each record has each property (a list: its length), in bytes."""
     sizes = [(np.dtype(kind).itemsize, length) for _, kind, length in properties]
     end, offsets = _record(buffer, start, sizes) if count else (start, [start] * len(sizes))
     stride = end - start
@@ -106,14 +106,14 @@ def _places(buffer: bytes, start: int, count: int, properties: Sequence[_Propert
         if all((one == one[:1]).all() for one in lengths):
             return start + stride * count, dict(zip((p[0] for p in properties), places, strict=True))
     found = []
-    for _ in range(count):  # lists of several lengths: where a record starts, only the one before it tells
+    for _ in range(count):  # lists of different lengths: each record tells where the next one starts
         start, offsets = _record(buffer, start, sizes)
         found.append(offsets)
     return start, dict(zip((p[0] for p in properties), np.array(found, np.int64).T, strict=True))
 
 
 def _record(buffer: bytes, start: int, sizes: Sequence[tuple[int, str]]) -> tuple[int, list[int]]:
-    """The byte after a record, and where it has each property."""
+    """Where a record ends and where it has each property, in bytes."""
     offsets = []
     for size, length in sizes:
         offsets.append(start)
@@ -130,8 +130,8 @@ def _record(buffer: bytes, start: int, sizes: Sequence[tuple[int, str]]) -> tupl
     return start, offsets
 
 
-def _values(buffer: bytes, places: Indices, kind: str) -> NDArray[np.generic]:
-    """(n,) the numbers of one type that begin at some bytes."""
+def _values(buffer: bytes, places: Indices, kind: str) -> NDArray[np.number]:
+    """(n,) the numbers of type `kind` that begin at `places`, in bytes."""
     size = np.dtype(kind).itemsize
     if len(places) and (places[0] < 0 or places[-1] + size > len(buffer)):
         raise ValueError(CUT)
@@ -155,7 +155,7 @@ def _obj(content: bytes) -> tuple[Array, Polygons]:
     text = content.decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     lines = [line for line in map(str.strip, text.split("\n")) if line[:2] in ("v ", "f ", "v\t", "f\t")]
     is_vertex = np.array([line[0] == "v" for line in lines], bool)
-    before = np.cumsum(is_vertex)[~is_vertex]  # vertices, from which negative numbers count back
+    before = np.cumsum(is_vertex)[~is_vertex]  # number of vertices so far: negative indices count back from it
     corners = re.sub(r"/\S*|#.*", "", "\n".join(line[2:] for line in lines if line[0] == "f"))
     numbers, lengths = _numbers(corners.split("\n") if len(before) else [])
     return _points(*_numbers([line[2:] for line in lines if line[0] == "v"])), [
@@ -175,22 +175,22 @@ def _off(content: bytes) -> tuple[Array, Polygons]:
     vertices = _points(*_numbers(lines[1 : 1 + n]))
     numbers, lengths = _numbers(lines[1 + n : 1 + n + m])
     starts = np.cumsum(lengths) - lengths
-    corners = _whole(numbers[starts])  # colours may follow
+    corners = _whole(numbers[starts])  # of a face; its colour may follow
     if len(vertices) < n or len(lengths) < m or (corners >= lengths).any():
         raise ValueError(CUT)
     return vertices, [part for _, part in _by_length(numbers, starts + 1, corners)]
 
 
 def _numbers(lines: Sequence[str]) -> tuple[Array, Indices]:
-    """The numbers of some lines one after the other, and how many each line has."""
+    """All numbers of the lines, and how many each line has."""
     lengths = np.array([len(line.split()) for line in lines], np.int64)
     return np.array([float(word) for word in " ".join(lines).split()]), lengths
 
 
-def _whole(numbers: NDArray[Any]) -> Indices:
-    """Numbers that count vertices."""
+def _whole(numbers: NDArray[np.number]) -> Indices:
+    """Indices of vertices as integers."""
     if not (np.abs(numbers) < 2**53).all():
-        raise ValueError("it has a face whose corners are no numbers of vertices: export it again")
+        raise ValueError("a corner of a face is not the number of a vertex: export it again")
     return numbers.astype(np.int64)
 
 
@@ -202,7 +202,7 @@ def _points(numbers: Array, lengths: Indices) -> Array:
 
 
 def _by_length(numbers: Array, starts: Indices, lengths: Indices) -> list[tuple[Indices, Indices]]:
-    """The rows of the faces of each number of corners, and their corners (m, k)."""
+    """For each number of corners k: which faces have k corners, and their corners (m, k)."""
     found = []
     for k in np.unique(lengths[lengths > 0]).tolist():
         rows = np.flatnonzero(lengths == k)

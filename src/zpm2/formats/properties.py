@@ -1,12 +1,12 @@
-"""The properties of a polygon in every file format: our own, and those of the file that it was given in."""
+"""The properties of a polygon in every output format: our own, and those of the file that the region came from."""
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import overload
 
 from zpm2.model import Counterpart, Polygon
 
-PREFIX = "source_"  # of a property whose name is one of ours
+PREFIX = "source_"  # of a given property that has the name of one of ours
 OURS = frozenset(
     (
         *("area", "area_m2", "score", "parent", "label", "match", "match_id"),
@@ -15,7 +15,7 @@ OURS = frozenset(
 )
 
 
-def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, Any]:
+def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     """Our properties: area in px^2, the partner's id, the match's id, ...; "source_id" of given regions only."""
     return {
         "area": polygon.area,
@@ -30,13 +30,13 @@ def polygon_properties(polygon: Polygon, partner: Counterpart | None, unmatched:
     }
 
 
-def prefixed(properties: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+def prefixed(properties: Mapping[str, object], ours: Collection[str]) -> dict[str, object]:
     """Given properties, with a prefix where a name is one of `ours` (lower case), so that both fit into one table.
     `unprefixed` undoes it."""
     return {PREFIX + name if _taken(name, ours) else name: value for name, value in properties.items()}
 
 
-def unprefixed(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, Any]:
+def unprefixed(values: Mapping[str, object], ours: Collection[str]) -> dict[str, object]:
     """The given properties of a table, without the prefixes of `prefixed`."""
     own = {name: value for name, value in values.items() if name.lower() not in ours}
     cut = len(PREFIX)
@@ -46,7 +46,13 @@ def unprefixed(values: Mapping[str, Any], ours: Collection[str]) -> dict[str, An
     }
 
 
-def plain(value: Any) -> Any:
+@overload
+def plain(value: str) -> str: ...
+@overload
+def plain(value: dict[str, object]) -> dict[str, object]: ...
+@overload
+def plain(value: object) -> object: ...
+def plain(value: object) -> object:
     """A JSON value that every format can hold: null for numbers that are not finite, "?" for lone surrogates."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
@@ -58,7 +64,7 @@ def plain(value: Any) -> Any:
 
 
 def _taken(name: str, ours: Collection[str]) -> bool:
-    """Whether a name is ours, or would be taken for a prefixed one."""
+    """Whether a name is ours, or looks like one of ours with the prefix."""
     name = name.lower()
     while name not in ours and name.startswith(PREFIX):
         name = name[len(PREFIX) :]

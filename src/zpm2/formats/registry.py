@@ -1,7 +1,7 @@
-"""The file formats of a result, by name: the one list that `MatchResult.save`, `--format` and its completion read.
+"""The output formats of a result, by name, for `MatchResult.save`, `--format` and its completion.
 
-Each module in `formats/writers/` registers its format, so a new one is one new file there. A format of your own may
-live anywhere: call `register` before you save.
+Each module in `formats/writers/` registers its format, so a new format is one new file there. Your own format may be
+anywhere: call `register` before you save.
 """
 
 import importlib
@@ -10,17 +10,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import ConfigError, Failed
+from zpm2.formats.convert import Members
 from zpm2.model import ImagePolygons, PointMatches, PolygonMatch
 
 
 class PairResult(Protocol):
-    """What a format may write of a `zpm2.MatchResult`."""
+    """The part of a `zpm2.MatchResult` that a format may use."""
 
     @property
     def left(self) -> ImagePolygons: ...
@@ -41,9 +42,9 @@ class PairResult(Protocol):
     def homography(self) -> NDArray[np.float64] | Failed: ...
 
     @property
-    def config(self) -> Mapping[str, Any]: ...
+    def config(self) -> Mapping[str, object]: ...
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Members:
         """The content of `matches.json`."""
         ...
 
@@ -56,7 +57,7 @@ class OutputFormat:
     files: tuple[str, ...]  # all names that it may write in the output folder
     write: Callable[[PairResult, Path], object]  # writes into an existing folder; `OutputError`
     check: Callable[[], object] = lambda: None  # raises `MissingDependency` where a package that it needs is missing
-    # whether a result is saved in it without being asked to; None: never
+    # whether a result is saved in it by default; None: never
     by_default: Callable[[PairResult], bool] | None = None
 
 
@@ -64,7 +65,7 @@ _FORMATS: dict[str, OutputFormat] = {}
 
 
 def register(output_format: OutputFormat) -> OutputFormat:
-    """Adds a format, in the place of one of the same name."""
+    """Adds a format; replaces one of the same name."""
     _FORMATS[output_format.name] = output_format
     return output_format
 
@@ -81,7 +82,7 @@ def names() -> list[str]:
 
 
 def chosen(names: Sequence[str]) -> list[OutputFormat]:
-    """The formats of these names, with their packages there. `ConfigError` for an unknown name, `MissingDependency`."""
+    """The formats of these names. `ConfigError` for an unknown name, `MissingDependency` for a missing package."""
     by_name = {each.name: each for each in known()}
     for name in names:
         if name not in by_name:

@@ -1,8 +1,8 @@
 """COCO's run-length encoding (RLE), both ways: pixels to run lengths, and run lengths to text.
 
-Runs of background and of mask take turns, background first, down the columns of an image. The text is that of COCO's
-maskApi.c (rleToString, rleFrString): five bits a character, lowest first, with a bit for "goes on"; from the fourth
-number on, each is the difference to the last but one.
+Runs of background and mask alternate, background first, down the columns of an image. The text is that of COCO's
+maskApi.c (rleToString, rleFrString): five bits a character, lowest bits first, and a sixth bit where the number
+continues; from the fourth run on, each is stored as its difference to the run two before it.
 """
 
 from collections.abc import Sequence
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 
 from zpm2.model import Mask
 
-MAX_DIGITS = 7  # of five bits each, the sign among them: run lengths below 2 ** 34
+MAX_DIGITS = 7  # of five bits each, including the sign: run lengths below 2 ** 34
 
 
 def run_lengths(mask: Mask, width: int, height: int) -> NDArray[np.int64]:
-    """(k,) lengths of the runs of a mask in an image of `width` x `height` px, beyond which it must not reach.
+    """(k,) lengths of the runs of a mask in an image of `width` x `height` px. The mask must lie inside.
 
     The first is 0 where the image's first pixel belongs to the mask.
     """
     h, w = mask.bits.shape
-    columns = np.zeros((w, h + 2), bool)  # with background above and below, so that each run ends in its column
+    columns = np.zeros((w, h + 2), bool)  # with background above and below, so that no run crosses columns
     columns[:, 1:-1] = mask.bits.T
     column, row = np.divmod(np.flatnonzero(columns[:, 1:] != columns[:, :-1]), h + 1)
-    edges = np.zeros(len(row) + 2, np.int64)  # 0, then starts and ends in turns, then the end of the image
+    edges = np.zeros(len(row) + 2, np.int64)  # 0, then starts and ends alternately, then the end of the image
     edges[1:-1] = (column + mask.x0) * height + row + mask.y0
     edges[-1] = width * height
     counts = np.diff(edges)
-    joined = np.flatnonzero(counts[2:-1:2] == 0) * 2 + 2  # at the bottom of one column and the top of the next
+    joined = np.flatnonzero(counts[2:-1:2] == 0) * 2 + 2  # runs that continue at the top of the next column
     if len(joined):
         edges = np.delete(edges, np.concatenate([joined, joined + 1]))
         counts = np.diff(edges)
@@ -36,7 +36,7 @@ def run_lengths(mask: Mask, width: int, height: int) -> NDArray[np.int64]:
 
 
 def pixels(counts: Sequence[int], width: int, height: int) -> NDArray[np.bool_]:
-    """(height, width) the mask of run lengths. `ValueError` where they do not add up to the image's size."""
+    """(height, width) mask from run lengths. `ValueError` where they do not add up to the image's size."""
     if any(n < 0 for n in counts) or sum(counts) != width * height:
         raise ValueError(f"has run lengths that do not add up to {width} x {height} px")
     bits = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
@@ -56,7 +56,7 @@ def compressed(counts: NDArray[np.int64]) -> str:
 
 
 def decompressed(text: str) -> list[int]:
-    """The run lengths of COCO's text. `ValueError` where it is damaged, which COCO's own reader does not notice."""
+    """The run lengths of COCO's text. `ValueError` where it is damaged (COCO's own reader does not check)."""
     codes = np.array([ord(character) - 48 for character in text], np.int64)
     last = codes & 32 == 0
     starts = np.flatnonzero(np.r_[True, last[:-1]])[: len(codes)]

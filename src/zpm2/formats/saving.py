@@ -1,10 +1,9 @@
-"""A result's folder: which files it has, written in an order that tells whether it is complete, and read back."""
+"""A result's folder: its files are written in an order that shows whether it is complete, and read back."""
 
 import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import registry
+from zpm2.formats.convert import Members
 from zpm2.formats.registry import PairResult
 from zpm2.model import SIDES
 
@@ -33,7 +33,7 @@ def save(
 ) -> Path:
     """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
 
-    `MatchResult.save` says what is written. The document comes last: where it is, all else is.
+    `MatchResult.save` describes the files. The document is written last: where it exists, the folder is complete.
     """
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
@@ -51,7 +51,7 @@ def save(
     return folder
 
 
-def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
+def read_document(path: str | Path, schema: str) -> tuple[Path, Members]:
     """The document of a folder (or the document itself): its path, and its content with the photographs' paths as they
     are now. `InputError` for a file that cannot be read or has another schema."""
     path = Path(path)
@@ -61,9 +61,9 @@ def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}; give the folder that zpm2 match wrote") from error
     except ValueError as error:
-        raise InputError(f"{file} is no JSON: {error}; run zpm2 match again") from error
+        raise InputError(f"{file} is not JSON: {error}; run zpm2 match again") from error
     if not isinstance(document, dict) or document.get("schema") != schema:
-        raise InputError(f"{file} is no {schema} file; give the folder that zpm2 match wrote")
+        raise InputError(f"{file} is not a {schema} file; give the folder that zpm2 match wrote")
     try:
         for side in SIDES:
             document[side]["path"] = find_photo(document[side], file.parent)
@@ -73,5 +73,5 @@ def read_document(path: str | Path, schema: str) -> tuple[Path, dict[str, Any]]:
 
 
 def incomplete(file: Path, error: Exception) -> InputError:
-    """For a document of which a part is missing or of another kind."""
+    """The error for a document in which something is missing or of a wrong type."""
     return InputError(f"{file} is not complete ({error!r}); run zpm2 match again")

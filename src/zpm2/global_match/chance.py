@@ -5,7 +5,7 @@ Some points of any two photographs agree on some epipolar geometry. How many do 
 expected number of geometries, among all that samples of the points define, on which as many of them would agree if each
 left point had a random partner. Two things differ from that publication, as the points of unrelated photographs are not
 spread evenly. The chance that a pair agrees is measured, on the same points with other partners, instead of computed
-from areas. And points close to each other in both images show the same texture, so they are no independent evidence and
+from areas. And points close to each other in both images show the same texture: they are not independent evidence and
 count once.
 """
 

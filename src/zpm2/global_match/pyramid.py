@@ -17,7 +17,6 @@ one level, mapped down, is the next level's search window. Where the paper leave
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -198,7 +197,7 @@ def subpixel_peaks(score: Array) -> tuple[Array, Array]:
     row = np.arange(m)
     value = score[row, y, x]
 
-    def shift(before: Any, after: Any, usable: NDArray[np.bool_]) -> Array:
+    def shift(before: Array, after: Array, usable: NDArray[np.bool_]) -> Array:
         usable = usable & (before > -1.5) & (after > -1.5)
         curvature = np.where(usable, before - 2 * value + after, -1.0)
         return np.where(usable & (curvature < -1e-9), 0.5 * (before - after) / np.minimum(curvature, -1e-9), 0.0)

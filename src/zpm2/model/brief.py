@@ -2,14 +2,17 @@
 
 import dataclasses
 from collections.abc import Mapping, Sized
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 LONGEST = 60  # characters of a text
 
 
-def brief(data: Any) -> str:
+def brief(data: "DataclassInstance") -> str:
     """The `repr` of a dataclass that holds arrays or lists: numbers and names as they are, the shape of arrays, the
     length of lists and tables. Fields with their default value, and those with repr=False, are left out."""
     shown = []
@@ -20,14 +23,14 @@ def brief(data: Any) -> str:
     return f"{type(data).__name__}({', '.join(shown)})"
 
 
-def _usual(field: "dataclasses.Field[Any]", value: Any) -> bool:
+def _usual(field: "dataclasses.Field[object]", value: object) -> bool:
     if field.default is not dataclasses.MISSING:
         return value is field.default or (isinstance(value, str | int | float | tuple) and value == field.default)
     made = field.default_factory is not dataclasses.MISSING and field.default_factory()
     return made is not False and (len(value) == 0 if isinstance(value, Sized) else repr(value) == repr(made))
 
 
-def _shown(name: str, value: Any) -> str:
+def _shown(name: str, value: object) -> str:
     if isinstance(value, np.ndarray):
         return f"{name} {' x '.join(map(str, value.shape))}"
     if isinstance(value, str):

@@ -1,7 +1,7 @@
 """A calibrated camera."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -42,7 +42,7 @@ class Camera:
             return np.zeros((0, 2))
         if not self.distortion.any():
             return np.asarray((np.c_[points, np.ones(len(points))] @ np.linalg.inv(self.matrix).T)[:, :2])
-        undistort: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # OpenCV 4, OpenCV 5
+        undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # OpenCV 4, OpenCV 5
         straight = undistort(
             np.ascontiguousarray(points)[:, None],
             self.matrix,
@@ -63,7 +63,7 @@ class Camera:
         bent, _ = cv2.projectPoints(space, np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
         return np.asarray(bent[:, 0], np.float64)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """As result files have it."""
         return {
             "matrix": self.matrix.tolist(),

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ class Georeference:
     crs: str | None = None  # "EPSG:32632", or WKT where it has no code
     transform: Array | None = None  # (2, 3) from image px to coordinates of `crs`, as GDAL's geotransform
     gsd: float | None = None  # m on the ground per px; None where nothing says it
-    rpc: Mapping[str, Any] | None = None  # rational polynomial coefficients, by GDAL's names in lower case
+    rpc: Mapping[str, object] | None = None  # rational polynomial coefficients, by GDAL's names in lower case
 
     __repr__ = brief
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import shapely
@@ -27,7 +26,7 @@ class Polygon:
     parent: int | None = None  # id of the smallest polygon of the same image that contains this one
     label: str | None = None  # a class name, where the source of the region gave one
     source_id: str | None = None  # of a given region: its id in the file that it came from, as text; parts share it
-    properties: Mapping[str, Any] = field(default_factory=dict)  # of a given region: what its file says more, as JSON
+    properties: Mapping[str, object] = field(default_factory=dict)  # of a given region: what else its file says
 
     __repr__ = brief
 

@@ -1,1 +1,1 @@
-"""Photographs read: files of any kind and size, where they lie on the ground, and which pixels hold data."""
+"""Reading photographs: files of any kind and size, their place on the ground, and which pixels hold data."""

@@ -1,11 +1,12 @@
-"""Whether a photograph can be used: its file, its shape, its size; and the errors that say why not."""
+"""Checks of a photograph (file, shape, size), and the errors that say why it cannot be used."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
+import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import memory
@@ -14,12 +15,12 @@ from zpm2.files.reading import regular
 
 MIN_SIDE = 32  # px, below this there is nothing to segment
 MAX_PIXELS = 1_000_000_000  # px, beyond this a file is refused before it is unpacked
-PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which each pixel takes some part of a byte
-MAX_PER_BYTE = 8 * 1032  # px, of one bit, packed as well as deflate can
+PACKED = ("BMP", "GIF", "JPEG", "PNG")  # formats in which a pixel takes at least a known part of a byte
+MAX_PER_BYTE = 8 * 1032  # px of one bit, at the best compression of deflate
 
 
-def check(values: NDArray[Any], what: str) -> None:
-    """`InputError` for an array of a shape or type that is no photograph."""
+def check(values: NDArray[np.generic], what: str) -> None:
+    """`InputError` for an array whose shape or type is not that of a photograph."""
     shape = " x ".join(map(str, values.shape))
     if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (1, 3, 4)):
         hint = ": move the channels last" if values.ndim == 3 and values.shape[0] in (1, 3, 4) else ""
@@ -31,14 +32,14 @@ def check(values: NDArray[Any], what: str) -> None:
 
 
 def check_sides(width: int, height: int, what: str) -> None:
-    """`InputError` for a photograph `what` that is too small to find anything in."""
+    """`InputError` for a photograph that is too small for segmentation."""
     if min(height, width) < MIN_SIDE:
         raise InputError(f"{what} is {width} x {height} px: each side must have at least {MIN_SIDE} px")
 
 
 @contextmanager
 def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
-    """The file, which has something in it, open for reading; `InputError` for what the system has against that."""
+    """The file, open for reading; `InputError` where it is empty or cannot be opened."""
     try:
         with regular(path).open("rb") as file:
             if not file.read(1):
@@ -56,14 +57,13 @@ def opened_file(path: Path, what: str) -> Iterator[BinaryIO]:
 
 
 def check_length(width: int, height: int, kind: str, path: str | Path, what: str) -> None:
-    """`InputError` for a file of a packed `kind` (Pillow's and GDAL's name) that is too short to hold its pixels."""
+    """`InputError` for a file of a format in `PACKED` that is too short for the pixels that it declares."""
     if kind in PACKED and width * height > MAX_PER_BYTE * (length := os.stat(path).st_size):
         raise damaged(what, ValueError(f"{width} x {height} px in {length} bytes"))
 
 
 def check_memory(width: int, height: int, each: float, what: str) -> None:
-    """`InputError` for a photograph that is to be in memory at once, with `each` bytes a pixel, and does not fit into
-    the budget."""
+    """`InputError` for a photograph that does not fit into the memory budget with `each` bytes a pixel."""
     memory.refuse_above(width * height * each, f"{what} ({width} x {height} px)", "reduce it, or raise --max-memory")
 
 
@@ -73,17 +73,17 @@ def no_memory(what: str) -> InputError:
 
 
 def too_large(what: str) -> InputError:
-    """The error for more than `MAX_PIXELS` that would have to be in memory at once."""
+    """The error for a photograph of more than `MAX_PIXELS` that must be read at once."""
     return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, or reduce it")
 
 
 def unknown_format(what: str) -> InputError:
-    """The error for a file that no library knows."""
+    """The error for a file in a format that no library reads."""
     return InputError(f"{what} is not a picture in a known format: give a PNG, JPEG or TIFF file")
 
 
 def damaged(what: str, error: BaseException) -> InputError:
-    """The error for a file whose content cannot be unpacked, with the decoder's own words."""
+    """The error for a file whose content cannot be unpacked, with the decoder's message."""
     return InputError(f"{what} is damaged or cut short ({_one_line(error)}): copy or download it again")
 
 

@@ -1,8 +1,8 @@
 """GDAL (extra `geo`: rasterio), restricted to local files of known formats that refer to no other files.
 
-By itself, GDAL opens whatever a name or a file refers to: addresses, archives, scripts, other files. So every file is
-checked before it is opened, with those that GDAL opens by itself, and only the driver of its format sees it. The
-settings hold while we open and read; GDAL's configuration of the machine or of other code stays as it is.
+By itself, GDAL opens whatever a name or a file refers to: network addresses, archives, scripts, other files. So we
+check every file before GDAL opens it, together with the files that GDAL would open along with it, and allow only the
+driver of its format. Our settings hold only while we open and read; GDAL's other configuration is not touched.
 """
 
 import os
@@ -11,11 +11,15 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import regular
 from zpm2.photos import checks, jpeg2000, vrt
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
 
 CACHE_BYTES = 256 * 2**20  # bytes of GDAL's cache of blocks
 PICTURES = ("BMP", "GIF", "JPEG", "PNG", "WEBP")  # drivers of files that Pillow reads as well
@@ -29,19 +33,19 @@ SIGNATURES = {  # how the files of a driver begin
     "GIF": rb"GIF8[79]a",
     "VRT": rb"(\xef\xbb\xbf)?\s*(<\?xml[^<>]*\?>)?\s*<VRTDataset",
 }
-HEAD_BYTES = 1024  # bytes at the beginning, by which GDAL's drivers know their files
+HEAD_BYTES = 1024  # bytes at the beginning, by which GDAL's drivers recognise their files
 MAX_VRT_DEPTH = 8  # VRTs of VRTs
 SETTINGS = {
     "GDAL_CACHEMAX": CACHE_BYTES,
-    "GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO",  # the shortcut for whole PNG files takes what is missing of one for black
-    # what the checks refuse anyway
+    "GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO",  # the shortcut for whole PNG files shows missing parts as black
+    # the checks below refuse these anyway
     "GDAL_VRT_ENABLE_PYTHON": "NO",
     "GDAL_VRT_ENABLE_RAWRASTERBAND": "NO",
     "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
 }
 
 _PAGE = re.compile(r"(GTIFF_DIR:(?:off:)?\d+:)(.+)", re.DOTALL)  # of a TIFF, as GDAL lists its subdatasets
-_ELSEWHERE = re.compile(r"/vsi|[\w+.-]{2,}:")  # names that GDAL or rasterio take for none of a file
+_ELSEWHERE = re.compile(r"/vsi|[\w+.-]{2,}:")  # names that GDAL or rasterio do not take for files
 _HFA = b"EHFA_HEADER_TAG"
 
 
@@ -49,7 +53,7 @@ class UnsupportedByGdal(InputError):
     """GDAL does not read this file or colour model; another library may."""
 
 
-def require_rasterio() -> Any:
+def require_rasterio() -> ModuleType:
     """The package, or `MissingDependency`."""
     try:
         import rasterio
@@ -59,19 +63,19 @@ def require_rasterio() -> Any:
     return rasterio
 
 
-def open_file(path: str | Path, what: str) -> Any:
-    """rasterio's dataset of a file, or of one page of a TIFF (`GTIFF_DIR:2:a.tif`). All that GDAL opens for us is
-    opened here.
+def open_file(path: str | Path, what: str) -> "DatasetReader":
+    """rasterio's dataset of a file, or of one page of a TIFF (`GTIFF_DIR:2:a.tif`). GDAL opens
+    files for us nowhere else.
 
-    `InputError` for a missing or empty file, for names that are none of a local file, and for what leads elsewhere (a
-    VRT, an overview or mask file; see `photos.vrt`); `UnsupportedByGdal` for other formats and damaged files.
+    `InputError` for a missing or empty file, for names of anything but a local file, and for files that refer to other
+    places (a VRT, an overview or mask file; see `photos.vrt`). `UnsupportedByGdal` for other formats and damaged files.
     """
     page, name = found.groups() if (found := _PAGE.fullmatch(str(path))) else ("", str(path))
     rasterio = require_rasterio()
-    file = Path(os.path.abspath(name))  # absolute, no name means anything else than a file
+    file = Path(os.path.abspath(name))  # an absolute path cannot mean anything but a file
     if _ELSEWHERE.match(name) and not file.exists():
         raise InputError(f"{what} does not exist, and only local files are read: download or convert it first")
-    with checks.opened_file(file, what):  # names that no file can have are known here
+    with checks.opened_file(file, what):  # also refuses names that no file can have
         pass
     (_, driver), *others = _checked(file, what)
     for other, its_driver in others:
@@ -92,7 +96,7 @@ def open_file(path: str | Path, what: str) -> Any:
 
 @contextmanager
 def gdal(what: str) -> Iterator[None]:
-    """GDAL with our settings; its errors become an `InputError`, its warnings nothing."""
+    """GDAL with our settings; its errors become an `InputError`, its warnings are dropped."""
     with settings():
         try:
             yield
@@ -108,7 +112,7 @@ def gdal(what: str) -> Iterator[None]:
 
 @contextmanager
 def settings() -> Iterator[None]:
-    """GDAL with our settings, for as long as it lasts."""
+    """GDAL with our settings, inside this block."""
     rasterio = require_rasterio()
     with warnings.catch_warnings(), rasterio.Env(**SETTINGS):
         warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
@@ -119,16 +123,14 @@ def _checked(file: Path, what: str) -> list[tuple[Path, str]]:
     """The file and all that GDAL opens with it, each with its driver."""
     found: dict[Path, str] = {}
     listed: dict[Path, dict[str, list[Path]]] = {}
-    beside = Path(os.path.realpath(file)).parent  # of links, the folder that GDAL resolves names from
+    beside = Path(os.path.realpath(file)).parent  # where GDAL resolves names, also for a link
     unchecked = [(file, what, 0)]
     while unchecked:
         path, name, depth = unchecked.pop()
         if path in found:
             continue
         if depth > MAX_VRT_DEPTH:
-            raise InputError(
-                f"{what} is a VRT of VRTs of VRTs, {MAX_VRT_DEPTH} deep or without end: convert its parts first"
-            )
+            raise InputError(f"{what} nests VRTs more than {MAX_VRT_DEPTH} deep: convert its parts to TIFF first")
         found[path] = _driver(path, name)
         if found[path] == "VRT":
             for source in vrt.sources(path, beside, name):
@@ -143,10 +145,10 @@ def _driver(path: Path, what: str) -> str:
     with checks.opened_file(path, what) as file:
         head = file.read(HEAD_BYTES)
         if re.match(SIGNATURES["JP2OpenJPEG"], head) and jpeg2000.endless(file):
-            raise UnsupportedByGdal(f"{what} is damaged, its boxes have no end: copy or download it again")
+            raise UnsupportedByGdal(f"{what} is damaged, its boxes do not end: copy or download it again")
     for driver, signature in SIGNATURES.items():
         if re.match(signature, head, re.DOTALL):
-            # drivers that go by a text in it, which GDAL may ask first about a source, see no further than to a zero
+            # refused: drivers that GDAL may ask first look for a text before the first zero byte
             if driver != "VRT" and re.search(rb"[<{]", head.partition(b"\0")[0]):
                 break
             return driver
@@ -154,9 +156,9 @@ def _driver(path: Path, what: str) -> str:
 
 
 def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]) -> list[Path]:
-    """The overview and mask files that GDAL opens with a file, whatever they are. `InputError` where one is no TIFF.
+    """The overview and mask files that GDAL opens with a file. `InputError` where one is not a TIFF.
 
-    listed: of folders, what their files are called in small letters; it is filled in here.
+    listed: by folder, its side files by name in lower case; filled in here.
     """
     if path.parent not in listed:
         names = listed[path.parent] = {}
@@ -176,23 +178,23 @@ def _side_files(path: Path, what: str, listed: dict[Path, dict[str, list[Path]]]
                     raise InputError(f"{what} has overviews in {side}, which are not read: remove that file")
             elif head:
                 if not re.match(SIGNATURES["GTiff"], head):
-                    raise InputError(f"{what} has a side file {side}, which is no TIFF: remove it")
+                    raise InputError(f"{what} has a side file {side}, which is not a TIFF: remove it")
                 found.append(side)
     return found
 
 
 def _refuse_redirected(path: Path, driver: str, what: str) -> None:
-    """As `_refuse_overviews_elsewhere`, for a file that GDAL opens with another one."""
+    """`_refuse_overviews_elsewhere` for a file that GDAL opens together with another one."""
     try:
         with gdal(what):
             dataset = require_rasterio().open(path, driver=driver)
-    except InputError:  # damaged: GDAL opens it as little when it is needed, and says so
+    except InputError:  # damaged: GDAL will not open it later either, and reports it then
         return
     with gdal(what), dataset:
         _refuse_overviews_elsewhere(dataset, what)
 
 
-def _refuse_overviews_elsewhere(dataset: Any, what: str) -> None:
-    """`InputError` for a file whose metadata name another one for its overviews, which can be anything anywhere."""
+def _refuse_overviews_elsewhere(dataset: "DatasetReader", what: str) -> None:
+    """`InputError` for a file whose metadata name other files for its overviews: they could be anywhere."""
     if dataset.tags(ns="OVERVIEWS"):
         raise InputError(f"{what} names other files for its overviews: convert it first (gdal_translate)")

@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,28 @@ from zpm2.errors import MissingDependency
 from zpm2.model import Georeference
 from zpm2.model.messages import Note
 
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
+    from rasterio.rpc import RPC
+
 Array = NDArray[np.float64]
-RPC_REACH = 2.0  # how far from their centre RPCs are believed, in units of their own scale
+RPC_REACH = 2.0  # how far from their centre RPCs are used, in units of their own scale
 
 _SEMI_MAJOR, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of WGS 84, m
 
 
 class Geolocator(Protocol):
-    """Image px to degrees and back, (n, 2) each, NaN where there is no way."""
+    """Image px to longitude and latitude in degrees, and back; (n, 2) each, NaN where this is not possible."""
 
     def to_lon_lat(self, points: Array) -> Array: ...
     def from_lon_lat(self, degrees: Array) -> Array: ...
 
 
 class TransformGeolocator:
-    """By a reference system, in rasterio's terms, and the map into it."""
+    """By a reference system (rasterio's CRS) and the affine map into it."""
 
-    def __init__(self, crs: Any, geo: Georeference) -> None:
+    def __init__(self, crs: "CRS", geo: Georeference) -> None:
         self._crs, self._geo = crs, geo
 
     def to_lon_lat(self, points: Array) -> Array:
@@ -41,7 +46,7 @@ class TransformGeolocator:
 class RpcGeolocator:
     """By rational polynomial coefficients, on the surface of their mean height."""
 
-    def __init__(self, rpcs: Any) -> None:
+    def __init__(self, rpcs: "RPC") -> None:
         self._rpcs = rpcs
         self._center = np.array([rpcs.long_off, rpcs.lat_off])
         self._reach = RPC_REACH * np.array([rpcs.long_scale, rpcs.lat_scale])
@@ -55,7 +60,7 @@ class RpcGeolocator:
         return self._transformed(np.where(self._far(degrees), np.nan, degrees), to_ground=False)
 
     def _far(self, degrees: Array) -> NDArray[np.bool_]:
-        """(n, 1) whether the polynomials are not to be believed there."""
+        """(n, 1) whether a point is beyond the reach of the polynomials."""
         return np.asarray((np.abs(degrees - self._center) > self._reach).any(axis=1, keepdims=True))
 
     def _transformed(self, points: Array, to_ground: bool) -> Array:
@@ -68,7 +73,7 @@ class RpcGeolocator:
             z = np.full(len(rows), float(self._rpcs.height_off))
             options = {"RPC_PIXEL_ERROR_THRESHOLD": 1e-4, "RPC_MAX_ITERATIONS": 50}
             with warnings.catch_warnings(), RPCTransformer(self._rpcs, **options) as transformer:
-                warnings.simplefilter("ignore")  # some points have no image
+                warnings.simplefilter("ignore")  # on points without an image
                 if to_ground:
                     out[rows] = np.column_stack(transformer.xy(y, x, z, offset="ul"))
                 else:
@@ -77,9 +82,9 @@ class RpcGeolocator:
 
 
 def place_of(
-    source: Any, width: int, height: int, gsd: float | None, notes: list[str]
+    source: "DatasetReader", width: int, height: int, gsd: float | None, notes: list[str]
 ) -> tuple[Geolocator | None, Georeference]:
-    """How pixels get to longitude and latitude, and what is known of that for the results."""
+    """How to get from pixels to longitude and latitude (None: unknown), and the georeference for results."""
     affine = source.transform
     matrix = None if affine.is_identity else np.array(affine[:6], np.float64).reshape(2, 3)
     if matrix is not None and not (np.isfinite(matrix).all() and np.linalg.det(matrix[:, :2])):
@@ -99,8 +104,9 @@ def place_of(
 
 
 def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
-    """The reference system that polygons of a photograph are written in for a GIS, and (n, 2) image px -> coordinates
-    of it: its own, or WGS 84 where RPCs alone place it, NaN beyond their reach; None where nothing does.
+    """The reference system in which a GIS gets the polygons of a photograph, and the map from (n, 2) image px into it.
+
+    The photograph's own, or WGS 84 where only RPCs place it (NaN beyond their reach); None where nothing places it.
     """
     if geo.crs is not None and geo.transform is not None:
         return geo.crs, geo.to_world
@@ -112,21 +118,21 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
         raise MissingDependency('RPCs need rasterio: pip install "zpm2[geo]"') from error
     try:
         return "EPSG:4326", RpcGeolocator(RPC(**geo.rpc)).to_lon_lat
-    except (TypeError, ValueError):  # some are missing or no numbers
+    except (TypeError, ValueError):  # some are missing or not numbers
         return None
 
 
-def _crs_text(crs: Any) -> str | None:
+def _crs_text(crs: "CRS | None") -> str | None:
     if not crs:
         return None
     code = crs.to_epsg()
     return crs.to_wkt() if code is None else f"EPSG:{code}"
 
 
-def _rpcs(source: Any) -> Any:
+def _rpcs(source: "DatasetReader") -> "RPC | None":
     try:
         return source.rpcs or None
-    except (KeyError, ValueError):  # some are missing or no numbers
+    except (KeyError, ValueError):  # some are missing or not numbers
         return None
 
 
@@ -137,7 +143,7 @@ def _reaches_ground(place: Geolocator, width: int, height: int) -> bool:
 
 def _pixel_size(place: Geolocator, width: int, height: int) -> float | None:
     """m on the ground: the side of a square as large as a pixel in the middle of the image."""
-    step = 5.0  # px, enough for the digits of the longitudes and little enough for the curvature
+    step = 5.0  # px: large against the rounding of longitudes, small against the curvature
     cross = step * np.array([(-1, 0), (1, 0), (0, -1), (0, 1)]) + np.array([width / 2, height / 2])
     lon, lat = np.radians(place.to_lon_lat(cross).T)
     normal = _SEMI_MAJOR / np.sqrt(1 - _ECCENTRICITY_2 * np.sin(lat) ** 2)
@@ -147,8 +153,8 @@ def _pixel_size(place: Geolocator, width: int, height: int) -> float | None:
     return math.sqrt(area) / (2 * step) if np.isfinite(area) and area > 0 else None
 
 
-def _warped(source: Any, target: Any, points: Array) -> Array:
-    """(n, 2) coordinates of one reference system -> (n, 2) of another, NaN where there are none."""
+def _warped(source: "CRS | str", target: "CRS | str", points: Array) -> Array:
+    """(n, 2) coordinates of one reference system -> (n, 2) of another, NaN where it is not defined."""
     from rasterio.warp import transform
 
     out = np.full(points.shape, np.nan)
@@ -159,19 +165,19 @@ def _warped(source: Any, target: Any, points: Array) -> Array:
             continue
         try:
             out[rows] = np.column_stack(transform(source, target, points[rows, 0], points[rows, 1])[:2])
-        except Exception:  # GDAL's errors have no public base class; one point outside of a projection fails all
+        except Exception:  # GDAL's errors have no public base class; one point outside makes all fail
             if len(rows) > 1:
                 todo += np.array_split(rows, 2)
     return _finite(out)
 
 
 def _finite(points: Array) -> Array:
-    """NaN for every point that is not."""
+    """The points, NaN where x or y is not finite."""
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
 
 
 def _wrapped(degrees: Array, center: float) -> Array:
-    """Longitudes within 180 degrees of `center`; those that are already stay as they are."""
+    """Longitudes moved by whole turns to within 180 degrees of `center`."""
     lon = degrees[:, 0]
     turns = np.where(np.abs(lon - center) > 180, np.floor((lon - center + 180) / 360), 0)
     return np.column_stack([lon - 360 * turns, degrees[:, 1]])

@@ -10,25 +10,25 @@ from zpm2.photos.source import DEFAULTS, ImageLike, Source, open_source
 
 
 def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DEFAULTS) -> Image:
-    """8-bit RGB pixels of a photograph in its stored pixel frame, where it holds data, and a note for everything that
-    was done to the pixels.
+    """A photograph as 8-bit RGB in its stored pixel frame, with a mask of valid pixels and a note for each conversion.
 
     source: a path; an array (h, w), (h, w, 1), (h, w, 3) or (h, w, 4) of bool, integers or floats, channels in RGB(A)
-        order; a PIL picture of any mode; or an `Image`, which is taken as it is. name: what error messages call it,
-        for example "left image". config: its `bands` are those of a file, from 1: one for grey or three for red, green,
-        blue; default: those that the file marks so, else the first one of at most two, else the first three.
+        order; a PIL picture of any mode; or an `Image`, which is returned as it is. name: what error messages call it,
+        for example "left image". config: its `bands` choose bands of a file, from 1 on: one for grey or three for red,
+        green, blue; by default those that the file marks as colours, else the first of at most two, else the first
+        three.
 
     Files are read by the library that `open_source` chooses. Grey becomes RGB, other colour models are converted.
-    Floats within 0..1 are scaled by 255; floats and wide integers within 0..255 are taken as they are; all other
-    values, and those that use less than a quarter of their range, are stretched to 8 bit from the 0.5 to the 99.5
-    percentile, all channels alike. An EXIF orientation is reported and not applied. Only the first page of a file is
+    Floats within 0..1 are scaled by 255; floats and wide integers within 0..255 stay as they are. All other values, and
+    those that use less than a quarter of their range, are stretched to 8 bit from the 0.5 to the 99.5 percentile, all
+    channels alike. An EXIF orientation is reported but not applied. Only the first page of a file is
     read.
 
-    No data (`Image.valid`) are: transparent pixels (alpha 0), a file's nodata values and masked pixels, and NaN and
-    infinity in a file. Where the values of a file are stretched, one value that fills its border, or a twentieth of the
-    photograph and a part of its border, is taken as no data too, which a note says. Pixels without data are 0.
+    Pixels without data (`Image.valid` is false) are transparent (alpha 0), masked, NaN, infinite, or have the file's
+    nodata value. Where the values of a file are stretched, a value also counts as no data if it fills the border, or a
+    twentieth of the photograph and a part of the border; a note says so. Pixels without data become 0.
 
-    Raises `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file, NaN in an
+    Raises `InputError` for whatever cannot be read or matched: a missing, empty, damaged or unknown file, NaN in an
     array, a wrong shape or type, complex values, no pixel with data, a side under 32 px, more than 1 gigapixel.
     """
     if isinstance(source, Image):

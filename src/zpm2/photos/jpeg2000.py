@@ -1,4 +1,4 @@
-"""The boxes of a JPEG 2000 file (ISO/IEC 15444-1, annex I), looked at before GDAL walks from one to the next."""
+"""The boxes of a JPEG 2000 file (ISO/IEC 15444-1, annex I), checked before GDAL reads them."""
 
 import struct
 from typing import BinaryIO
@@ -8,10 +8,11 @@ MAX_BOXES = 100_000  # boxes
 
 
 def endless(file: BinaryIO) -> bool:
-    """Whether GDAL would never come to the end of the boxes of a file, or not soon.
+    """Whether GDAL would read the boxes of a file for ever, or far too long.
 
-    A box inside another one may not declare that it reaches to the end of the file, as only the last box may; GDAL
-    reads such a box again and again. A file of more than `MAX_BOXES` boxes counts as endless too."""
+    Only the last box may declare that it reaches to the end of the file. Where a box inside another one does, GDAL
+    reads it again and again. A file of more than `MAX_BOXES` boxes counts as endless, too.
+    """
     unread, seen = [(0, file.seek(0, 2), True)], 0
     while unread:
         place, end, outermost = unread.pop()
@@ -24,7 +25,7 @@ def endless(file: BinaryIO) -> bool:
             seen += 1
             if (length == 0 and not outermost) or seen > MAX_BOXES:
                 return True
-            if length < head:  # the last one, or no box any more
+            if length < head:  # the last one, or not a box
                 break
             if kind in HOLDING:
                 unread.append((place + head, min(place + length, end), False))

@@ -1,4 +1,4 @@
-"""What readers of many files share: files that must be there, folders in a fixed order, small text files."""
+"""Photographs in folders, and their sizes."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -19,7 +19,7 @@ def photographs(folder: Path, suffixes: Sequence[str] = PHOTOGRAPHS) -> list[Pat
 
 
 def some_photographs(folder: Path) -> list[Path]:
-    """The photographs of a folder; `InputError` where there are none, which says in which sub-folders some are."""
+    """The photographs of a folder. Where there are none, `InputError` names the sub-folders that hold some."""
     found = photographs(folder)
     if found:
         return found
@@ -36,7 +36,7 @@ def some_photographs(folder: Path) -> list[Path]:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) px of a photograph as its file stores it, from the header where that says so."""
+    """(width, height) px of a photograph as its file stores it, from the header alone where possible."""
     found = pictures.header(path)
     if found is not None:
         return found[0]

@@ -1,18 +1,17 @@
-"""Pictures read by Pillow, as a whole: files of every format that it knows, and its own pictures in memory."""
+"""Pictures read by Pillow as a whole: files, and PIL pictures in memory."""
 
 import struct
 import threading
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 import PIL.Image
-from numpy.typing import NDArray
 
 from zpm2.config import StretchConfig
 from zpm2.errors import InputError
@@ -20,14 +19,15 @@ from zpm2.files.reading import regular
 from zpm2.model import Image
 from zpm2.model.messages import Note
 from zpm2.photos import checks, radiometry
+from zpm2.photos.radiometry import Values
 
-# Pillow's names of the formats that are read. Others are not tried: that for PostScript, for one, starts a program.
+# Pillow's names of the formats that we read. We try no others: the one for PostScript, for example, starts a program.
 FORMATS = (
     *("AVIF", "BMP", "DDS", "DIB", "GIF", "ICO", "JPEG", "JPEG2000", "MPO", "PCX", "PNG", "PPM", "QOI", "SGI", "TGA"),
     *("TIFF", "WEBP"),
 )
 
-PAGES = 100  # counted at most: each costs the more the more there were before it
+PAGES = 100  # counted at most: each takes longer to find than the one before
 _EXIF_ORIENTATION = 274
 _BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
 DAMAGE = (
@@ -41,7 +41,7 @@ DAMAGE = (
     struct.error,
     zlib.error,
 )
-# PIL turns TIFF pages (and only those) by their orientation tag while it loads them; this turns them back
+# PIL turns TIFF pages (and nothing else) by their orientation tag while it loads them; this undoes it
 _UNDO_ORIENTATION = {
     2: PIL.Image.Transpose.FLIP_LEFT_RIGHT,
     3: PIL.Image.Transpose.ROTATE_180,
@@ -51,16 +51,18 @@ _UNDO_ORIENTATION = {
     7: PIL.Image.Transpose.TRANSVERSE,
     8: PIL.Image.Transpose.ROTATE_270,
 }
+Tags = Mapping[int, Sequence[int]]  # of a TIFF, by number; texts among them
+
 _pil_lock = threading.Lock()
 
 
 class UnknownFormat(InputError):
-    """A file that Pillow does not know."""
+    """A file in a format that Pillow does not read."""
 
 
 def read_file(path: Path, what: str, stretch: StretchConfig = radiometry.DEFAULTS) -> Image:
     """The first picture of a file, by the rules of `read_image`. `UnknownFormat` where Pillow does not know the format,
-    any other `InputError` for what it cannot unpack."""
+    another `InputError` where it cannot decode the file."""
     with checks.opened_file(path, what) as file, _pixel_limit(what):
         picture = _opened(file, what)
         checks.check_length(*picture.size, picture.format or "", path, what)
@@ -79,16 +81,16 @@ def from_picture(picture: PIL.Image.Image, what: str, stretch: StretchConfig = r
     return radiometry.to_image(pixels, what, None, notes, nodata, stretch)
 
 
-def opened(file: Any) -> PIL.Image.Image:
-    """Pillow's picture of a path or open file of one of our `FORMATS`. All that Pillow opens for us is opened here, or
-    names its format. Errors are those of `PIL.Image.open`."""
+def opened(file: Path | BinaryIO) -> PIL.Image.Image:
+    """Pillow's picture of a path or open file of one of our `FORMATS`. Other calls of
+    `PIL.Image.open` name their format. Errors are those of `PIL.Image.open`."""
     PIL.Image.init()
-    return PIL.Image.open(file, formats=[name for name in FORMATS if name in PIL.Image.OPEN])  # some are optional
+    return PIL.Image.open(file, formats=[name for name in FORMATS if name in PIL.Image.OPEN])  # Pillow may lack some
 
 
 def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
-    """(width, height) px as the file stores them, and the notes on its orientation and pages; None where Pillow does
-    not know the file. Nothing is unpacked."""
+    """(width, height) px as the file stores them, and the notes on its orientation and pages; None where Pillow
+    cannot read it. No pixel is decoded."""
     notes: list[str] = []
     try:
         with looked_at(path) as picture:
@@ -104,7 +106,7 @@ def header(path: Path) -> tuple[tuple[int, int], list[str]] | None:
 
 
 def is_progressive(path: Path) -> bool:
-    """Whether it is a JPEG of which every part is spread over the file."""
+    """Whether a file is a progressive JPEG, which cannot be read in parts."""
     try:
         with looked_at(path) as picture:
             return "progressive" in picture.info
@@ -114,7 +116,7 @@ def is_progressive(path: Path) -> bool:
 
 @contextmanager
 def looked_at(path: str | Path) -> Iterator[PIL.Image.Image]:
-    """A picture of any size, of which the header is read and no pixel. `DAMAGE` where there is none."""
+    """A picture of any size, opened for its header only. Raises one of `DAMAGE` where it cannot be read."""
     with _pil_lock, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="PIL")
         before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
@@ -122,14 +124,14 @@ def looked_at(path: str | Path) -> Iterator[PIL.Image.Image]:
             with opened(regular(Path(path))) as picture:
                 yield picture
         except MemoryError as error:
-            raise OSError("it declares more than there is memory for") from error
+            raise OSError("it declares more pixels than fit into memory") from error
         finally:
             PIL.Image.MAX_IMAGE_PIXELS = before
 
 
 def count_pages(picture: PIL.Image.Image) -> str:
-    """How many pictures a file holds, in words. Of a TIFF, in which each is looked for from the first one on, no more
-    than `PAGES` are counted. The picture stays where it is."""
+    """How many pages a file has, in words. In a TIFF no more than `PAGES` are counted, as each has to be searched for.
+    The current page stays the same."""
     if picture.format != "TIFF":
         return str(getattr(picture, "n_frames", 1))
     here = picture.tell()
@@ -144,11 +146,11 @@ def count_pages(picture: PIL.Image.Image) -> str:
 
 
 def first_page_note(pages: int | str) -> str:
-    """The note of a file with several pictures."""
+    """The note for a file with several pages."""
     return f"Only the first of {pages} pictures in the file is used."
 
 
-def _opened(file: Any, what: str) -> PIL.Image.Image:
+def _opened(file: Path | BinaryIO, what: str) -> PIL.Image.Image:
     try:
         return opened(file)
     except PIL.UnidentifiedImageError as error:
@@ -157,9 +159,9 @@ def _opened(file: Any, what: str) -> PIL.Image.Image:
         raise checks.damaged(what, error) from error
 
 
-def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[str], Any]:
-    """The pixels of a PIL picture with their own depth, in RGB(A) or grey; the notes on what was done to them; and the
-    value that means no data, None where there is none."""
+def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[Values, list[str], float | None]:
+    """The pixels of a PIL picture in RGB(A) or grey with their own bit depth; notes on conversions; and the nodata
+    value, None where there is none."""
     notes: list[str] = []
     try:
         pages = count_pages(picture)
@@ -167,7 +169,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         picture.load()
     except DAMAGE as error:
         raise checks.damaged(what, error) from error
-    tags: Any = getattr(picture, "tag_v2", {})
+    tags: Tags = getattr(picture, "tag_v2", {})
     info, stored = dict(picture.info), picture.mode
     if picture.format == "TIFF" and orientation in _UNDO_ORIENTATION:
         picture = picture.transpose(_UNDO_ORIENTATION[orientation])
@@ -177,7 +179,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
         notes.append(_orientation_note(orientation))
     if picture.mode in ("P", "PA"):
         notes.append(Note("The colour palette was expanded to RGB."))
-    keyed = picture.mode in ("1", "L", "P", "RGB") and "transparency" in info  # a colour means transparent
+    keyed = picture.mode in ("1", "L", "P", "RGB") and "transparency" in info  # one colour is transparent
     if keyed or picture.mode in ("LA", "La", "PA", "RGBa"):
         if picture.mode == "1":
             notes.append(Note("1-bit values became black and white."))
@@ -195,21 +197,21 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[NDArray[Any], list[s
 
 
 def _bytes_each(picture: PIL.Image.Image) -> int:
-    """Bytes for each pixel of a picture on its way to 8-bit RGB: Pillow's own, the array's, and the result's."""
+    """Memory per pixel during the conversion to 8-bit RGB, in bytes: Pillow's, the array's, and the result's."""
     bands, kind = len(picture.getbands()), {"1": 1, "I": 4, "F": 4}.get(picture.mode[:1], 1)
     kind = 2 if ";16" in str(getattr(picture, "tile", "")) or ";16" in picture.mode else kind
     return (4 if bands > 1 else kind) + 2 * bands * kind + 3
 
 
-def _number(text: Any) -> float | None:
+def _number(text: object) -> float | None:
     try:
         return float(str(text).strip(" \0"))
     except ValueError:
         return None
 
 
-def _signed(pixels: NDArray[Any], tags: Any) -> NDArray[Any]:
-    """TIFF integers as what they are: PIL takes 8-bit ones for unsigned and 32-bit ones for signed."""
+def _signed(pixels: Values, tags: Tags) -> Values:
+    """TIFF integers with their true sign: PIL takes 8-bit ones for unsigned and 32-bit ones for signed."""
     kind = tags.get(_SAMPLE_FORMAT, (1,))[0]
     if kind == 2 and pixels.dtype == np.uint8:
         return pixels.view(np.int8)
@@ -223,7 +225,7 @@ def _orientation_note(orientation: int) -> str:
 
 
 def exif_of(picture: PIL.Image.Image) -> PIL.Image.Exif:
-    """The EXIF data of a file's header. Pillow's own way unpacks a PNG that has none, to look for some behind it."""
+    """The EXIF data of a file's header. Pillow itself would decode a PNG without EXIF, to search after its pixels."""
     return PIL.Image.Image.getexif(picture) if picture.format == "PNG" else picture.getexif()
 
 
@@ -236,8 +238,8 @@ def _orientation(exif: Callable[[], PIL.Image.Exif], notes: list[str]) -> int:
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
 
-def _deep_color(path: Path, pixels: NDArray[Any], notes: list[str]) -> tuple[NDArray[Any], list[str]]:
-    """16-bit colour with all its bits, which PIL cuts to the upper eight."""
+def _deep_color(path: Path, pixels: Values, notes: list[str]) -> tuple[Values, list[str]]:
+    """16-bit colour with all its bits, read by OpenCV: PIL keeps only the upper eight."""
     found = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None or found.ndim != 3 or found.shape[2] not in (3, 4):
         return pixels, [*notes, "16-bit colours were cut to their upper 8 bits."]
@@ -246,9 +248,9 @@ def _deep_color(path: Path, pixels: NDArray[Any], notes: list[str]) -> tuple[NDA
 
 @contextmanager
 def _pixel_limit(what: str) -> Iterator[None]:
-    """PIL's guard against decompression bombs set to our own limit, inside this block only."""
+    """Sets PIL's guard against decompression bombs to our own limit, inside this block only."""
     with _pil_lock, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", module="PIL")  # on metadata; what matters is an error or a note
+        warnings.filterwarnings("ignore", module="PIL")  # on metadata; problems that matter become errors or notes
         warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
         before, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, checks.MAX_PIXELS
         try:

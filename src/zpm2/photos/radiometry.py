@@ -1,8 +1,7 @@
-"""Pixels of any kind to 8-bit RGB, and which of them hold data: one rule for all readers."""
+"""Pixel values of any type to 8-bit RGB, and which pixels hold data: one rule for all readers."""
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ NOT_TRANSPARENT = Note("The alpha band was dropped; no pixel was fully transpare
 
 DEFAULTS = StretchConfig()
 
-Values = NDArray[Any]
+Values = NDArray[np.number | np.bool_]
 Valid = NDArray[np.bool_] | None  # (h, w) where there is data; None: everywhere
 
 
@@ -32,8 +31,8 @@ def to_image(
 ) -> Image:
     """(h, w), (h, w, 1), (h, w, 3) or (h, w, 4) values, the last with alpha, as a photograph. See `read_image`.
 
-    What is transparent, or is `nodata` in all bands, holds no data. Values with a `path` are those of a file: there
-    NaN, infinity and what fills the border hold none either. `InputError` for values that cannot be used.
+    Pixels that are transparent, or `nodata` in all bands, hold no data. Values with a `path` come from a file: there
+    NaN, infinity and a value that fills the border are no data either. `InputError` for values that cannot be used.
     """
     checks.check(values, what)
     notes = list(notes)
@@ -51,7 +50,7 @@ def to_image(
     if nodata is not None:
         valid = both(valid, differs(values, nodata))
     if values.dtype.kind == "f":
-        finite = np.isfinite(values).all(axis=2)
+        finite = np.asarray(np.isfinite(values).all(axis=2))
         if path is None and (bad := np.count_nonzero(~np.isfinite(values if valid is None else values[valid]))):
             raise InputError(f"{what} has {bad} NaN or infinite values: replace them before matching")
         valid = both(valid, finite)
@@ -71,20 +70,20 @@ def to_image(
     return Image(rgb, path, tuple(notes), valid)
 
 
-def both(one: Valid, other: Any) -> Valid:
-    """Where both have data."""
+def both(one: Valid, other: Valid) -> Valid:
+    """The pixels that are valid in both masks."""
     if one is None or other is None:
         return other if one is None else one
     return one & other
 
 
-def differs(values: Values, nodata: Any) -> NDArray[np.bool_]:
+def differs(values: Values, nodata: float | Values) -> NDArray[np.bool_]:
     """(h, w) where some band of (h, w, bands) is not `nodata`."""
     return np.asarray((values != nodata).any(axis=2))
 
 
 def gap_notes(valid: NDArray[np.bool_], what: str) -> list[str]:
-    """The note that some pixels hold no data; none where all do. `InputError` where no pixel does."""
+    """A note where some pixels hold no data. `InputError` where all do not."""
     share = 1 - np.count_nonzero(valid) / valid.size
     if share == 1:
         raise InputError(f"{what} has no pixel with data: check its nodata value or its alpha band")
@@ -96,8 +95,10 @@ def gap_notes(valid: NDArray[np.bool_], what: str) -> list[str]:
 def look(
     values: Values, valid: Valid, guess: bool, stretch: StretchConfig = DEFAULTS
 ) -> tuple[tuple[float, float], list[Values], list[str]]:
-    """What the (h, w, bands) values tell that are not 8-bit ones: the range of brightness; where it may be guessed, the
-    values (bands,) that fill the border without being declared as no data; and the notes on both."""
+    """How to convert (h, w, bands) values that are not 8-bit: the values that become 0 and 255, fill values, and notes.
+
+    Fill values (bands,) fill the border without being declared as no data; they are looked for where `guess`.
+    """
     fills: list[Values] = []
     notes = []
     low, high, note = brightness_range(_known(values, valid), stretch)
@@ -120,8 +121,8 @@ def _known(values: Values, valid: Valid) -> Values:
 
 
 def _fill(values: Values, valid: Valid, stretch: StretchConfig) -> tuple[Values, float] | None:
-    """The (bands,) value that most pixels at the border have, where it fills the border or much of the picture; and its
-    share of the pixels with data."""
+    """The most frequent (bands,) value of the border and its share of the pixels with data; None where it does not fill
+    the border or much of the photograph."""
     rim: NDArray[np.bool_] = np.ones(values.shape[:2], bool)
     rim[1:-1, 1:-1] = False
     found = values[rim if valid is None else rim & valid]
@@ -135,8 +136,7 @@ def _fill(values: Values, valid: Valid, stretch: StretchConfig) -> tuple[Values,
 
 
 def _extremes(known: Values, stretch: StretchConfig) -> list[str]:
-    """The note on a least or greatest value, far from all others, that many pixels have, though not most of the border:
-    perhaps it means no data."""
+    """A note where many pixels have a lowest or highest value far from all others: perhaps it means no data."""
     notes = []
     for extreme in (known.min(), known.max()):
         other = differs(known, extreme)
@@ -178,7 +178,7 @@ def brightness_range(values: Values, stretch: StretchConfig = DEFAULTS) -> tuple
 
 
 def scaled(values: Values, low: float, high: float) -> NDArray[np.uint8]:
-    """Finite values of any shape as 8 bit: `low` becomes 0 and `high` 255, what lies beyond is cut off."""
+    """Finite values of any shape as 8 bit: `low` becomes 0 and `high` 255; values beyond are clipped."""
     scale = 255 / (high - low) if high > low else 0.0
     out = np.empty(values.shape, np.uint8)
     for row in range(0, len(values), 256):

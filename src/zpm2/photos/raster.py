@@ -1,6 +1,6 @@
 """Rasters read by windows (extra `geo`: rasterio): GeoTIFF, COG, JPEG 2000, VRT, PNG, JPEG of any size and depth.
 
-`photos.gdal` decides what is opened at all.
+`photos.gdal` decides which files are opened.
 """
 
 import math
@@ -8,7 +8,7 @@ import os
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,16 @@ from zpm2.photos import checks, gdal, pictures, radiometry
 from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.geolocation import place_of
 
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
+
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px, end excluded
 
-CHUNK_BYTES = 16 * 2**20  # bytes of source pixels that are worked on at a time; their blocks fit into the cache
-BYTES_PER_PX = 5  # bytes a pixel that is read: 8-bit RGB, where there is data, and what it is made of
-MAX_SAMPLES_PER_PX = (
-    4  # source pixels a side, at most, whose mean is a reduced pixel, where gaps or colours are to be minded
-)
+CHUNK_BYTES = 16 * 2**20  # bytes of source pixels at a time; their blocks fit into GDAL's cache
+BYTES_PER_PX = 5  # bytes of memory a pixel: 8-bit RGB, the mask, and the source
+# source pixels along each side, at most, that are averaged into a reduced pixel where there are gaps or palette colours
+MAX_SAMPLES_PER_PX = 4
 
 
 class Raster:
@@ -36,14 +38,20 @@ class Raster:
 
     path; width, height: px.
     geo: CRS "EPSG:..." or WKT, transform (2, 3), ground sampling distance m/px, each None where unknown.
-    alpha: whether an alpha band says where there is data. plain: whether the file is an 8-bit picture, with no other
-        gaps than transparent ones, of a kind that other libraries read alike.
+    alpha: whether an alpha band marks the pixels with data. plain: whether the file is an 8-bit picture in a common
+        format without gaps other than transparent pixels, so that other libraries read the same values.
     """
 
     held = 0  # bytes that are in memory all the time
 
     def __init__(
-        self, source: Any, path: str, what: str, bands: Sequence[int], gsd: float | None, stretch: StretchConfig
+        self,
+        source: "DatasetReader",
+        path: str,
+        what: str,
+        bands: Sequence[int],
+        gsd: float | None,
+        stretch: StretchConfig,
     ) -> None:
         self._source, self._what, self._stretch = source, what, stretch
         self.path, self.width, self.height = path, int(source.width), int(source.height)
@@ -59,7 +67,7 @@ class Raster:
         self._palette = _palette(source, self._bands, notes)
         self._range = _few_bits(source, self._bands[0], notes) if self._palette is None else None
         self._negative = source.tags(ns="IMAGE_STRUCTURE").get("MINISWHITE") == "YES" and self._palette is None
-        self._fills: list[NDArray[Any]] = []
+        self._fills: list[radiometry.Values] = []
         gaps_or_colors = bool(self._mask_bands) or self._palette is not None or self._range is not None
         self._sampled = gaps_or_colors or self._type.kind == "f"
         self.alpha = _has_alpha(source, self._bands)
@@ -72,7 +80,7 @@ class Raster:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What is done to the pixels, as in `images.read_image`, and how the file is placed."""
-        if self._sampled and self.plain:  # not before it is asked for: others read such files at once
+        if self._sampled and self.plain:  # only on request: such files are usually read by Pillow
             self._look(self._notes_on_opening)
         with gdal.gdal(self._what):
             return (*_file_notes(self._source, self.path), *self._notes_on_opening)
@@ -80,8 +88,8 @@ class Raster:
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
         """The pixels of `window` (default: all), averaged to `size` (width, height) px, not larger than the window.
 
-        Pixels without data are 0 and not `valid`; they take no part in an average, and a reduced pixel is valid where
-        at least half of it is. `InputError` where the file is damaged there.
+        Pixels without data are 0 and not `valid`. Averages leave them out; a reduced pixel is valid where at least half
+        of it is. `InputError` where the file is damaged there.
         """
         x0, y0, x1, y1 = window or (0, 0, self.width, self.height)
         assert 0 <= x0 < x1 <= self.width, window
@@ -130,12 +138,12 @@ class Raster:
 
     @property
     def placed(self) -> bool:
-        """Whether pixels have a longitude and latitude."""
+        """Whether pixels can be given a longitude and latitude."""
         return self._place is not None
 
     @property
     def files(self) -> list[str]:
-        """The file with all that GDAL reads for it: side files, parts of a mosaic."""
+        """The file and all others that GDAL reads for it: side files, parts of a mosaic."""
         return list(self._source.files)
 
     def close(self) -> None:
@@ -148,7 +156,7 @@ class Raster:
         self.close()
 
     def _look(self, notes: list[str]) -> None:
-        """Sets the range of brightness by a reduced look at all of the file, and says what was seen."""
+        """Determines the range of brightness from a reduced view of the whole file, and adds notes."""
         step = math.ceil(math.sqrt(self.width * self.height / self._stretch.sample_px))
         size = max(1, self.width // step), max(1, self.height // step)
         seen, valid = self._pixels((0, 0, self.width, self.height), *size)
@@ -161,9 +169,9 @@ class Raster:
 
     def _pixels(
         self, window: tuple[float, float, float, float], width: int, height: int, average: bool = False
-    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """(height, width, bands) values and (height, width) where there is data, None for everywhere; the nearest
-        source pixels, or their average if asked for."""
+    ) -> tuple[radiometry.Values, NDArray[np.bool_] | None]:
+        """(height, width, bands) values and the (height, width) mask of valid pixels, None where all are; by nearest
+        neighbour, or averaged."""
         from rasterio.enums import Resampling
         from rasterio.windows import Window as Box
 
@@ -189,12 +197,12 @@ class Raster:
             valid = radiometry.both(valid, radiometry.differs(seen, fill))
         return seen, None if valid is None or valid.all() else valid
 
-    def _to_8bit(self, seen: NDArray[Any]) -> NDArray[np.uint8]:
+    def _to_8bit(self, seen: radiometry.Values) -> NDArray[np.uint8]:
         if self._range is not None:
-            seen = radiometry.scaled(seen, *self._range)
-        elif seen.dtype != np.uint8:
-            seen = np.rint(seen).astype(np.uint8)
-        return 255 - seen if self._negative else seen
+            grey = radiometry.scaled(seen, *self._range)
+        else:
+            grey = (seen if seen.dtype == np.uint8 else np.rint(seen)).astype(np.uint8, copy=False)
+        return 255 - grey if self._negative else grey
 
 
 def open_raster(
@@ -204,19 +212,19 @@ def open_raster(
     gsd: float | None = None,
     stretch: StretchConfig = radiometry.DEFAULTS,
 ) -> Raster:
-    """The raster in a file, of which nothing but a reduced look is read yet.
+    """Opens a raster; at first only a reduced view of it is read.
 
-    bands: which, from 1: one for grey or three for red, green, blue; default: those that the file marks so, else the
-        first one of at most two, else the first three. gsd: m/px, instead of what the file says. name: what error
+    bands: from 1 on, one for grey or three for red, green, blue; by default those that the file marks as colours, else
+        the first of at most two, else the first three. gsd: m/px, instead of what the file says. name: what error
         messages call it, for example "left image".
 
-    8-bit values are taken as they are; all others become 8 bit by the rule of `images.read_image`, with one range for
-    the whole file. No data are: nodata values, transparent pixels, masked ones, NaN and infinity, and what fills the
-    border by the same rule.
+    8-bit values stay as they are; all others become 8 bit by the rule of `images.read_image`, with one range for the
+    whole file. Pixels hold no data where they are nodata values, transparent, masked, NaN or infinite, or have a value
+    that fills the border by the same rule.
 
-    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or foreign file
+    `InputError` for whatever cannot be read or matched: a missing, empty, damaged or unknown file
     (`UnsupportedByGdal` where another library may read it), complex values, no pixel with data, a side under 32 px.
-    `ConfigError` for bands that are not there.
+    `ConfigError` for bands that do not exist.
     """
     what = f"{name} {path}"
     source = gdal.open_file(path, what)
@@ -234,9 +242,9 @@ def open_raster(
         raise
 
 
-def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
-    """Width and height of what GDAL must unpack to reach any pixel, the largest block or all of the file, and bytes for
-    each of its pixels."""
+def _unpacked_at_once(source: "DatasetReader") -> tuple[int, int, float]:
+    """What GDAL must decode to read any pixel, the largest block or the whole file: its width and height in px, and
+    bytes per pixel."""
     each = [np.dtype(kind).itemsize for kind in source.dtypes]
     if source.driver == "WEBP" or (source.driver == "JPEG" and pictures.is_progressive(Path(source.name))):
         return source.width, source.height, sum(each)
@@ -245,8 +253,8 @@ def _unpacked_at_once(source: Any) -> tuple[int, int, float]:
     return width, height, max(each) if apart else sum(each)
 
 
-def _file_notes(source: Any, path: str) -> list[str]:
-    pages = len(source.subdatasets)  # which GDAL looks up each time
+def _file_notes(source: "DatasetReader", path: str) -> list[str]:
+    pages = len(source.subdatasets)  # GDAL searches for them each time
     notes = [pictures.first_page_note(pages)] if pages > 1 else []
     if source.driver in ("GTiff", *gdal.PICTURES) and Path(path).exists():
         found = pictures.header(Path(path))
@@ -261,7 +269,7 @@ def _file_notes(source: Any, path: str) -> list[str]:
     return notes
 
 
-def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
+def _chosen_bands(source: "DatasetReader", bands: Sequence[int], what: str, notes: list[str]) -> list[int]:
     from rasterio.enums import ColorInterp
 
     count = int(source.count)
@@ -288,8 +296,8 @@ def _chosen_bands(source: Any, bands: Sequence[int], what: str, notes: list[str]
     return found[:1]
 
 
-def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
-    """The bands whose masks say where there is data (where any of them does); none where there is everywhere."""
+def _mask_bands(source: "DatasetReader", bands: Sequence[int]) -> list[int]:
+    """The bands whose masks say which pixels hold data (valid in any of them); none where all pixels do."""
     from rasterio.enums import MaskFlags
 
     flags = [source.mask_flag_enums[band - 1] for band in bands]
@@ -298,15 +306,15 @@ def _mask_bands(source: Any, bands: Sequence[int]) -> list[int]:
     return list(bands[:1]) if MaskFlags.per_dataset in flags[0] else list(bands)
 
 
-def _has_alpha(source: Any, bands: Sequence[int]) -> bool:
+def _has_alpha(source: "DatasetReader", bands: Sequence[int]) -> bool:
     from rasterio.enums import MaskFlags
 
-    own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds one to what it converts
+    own = "SOURCE_COLOR_SPACE" not in source.tags(ns="IMAGE_STRUCTURE")  # GDAL adds alpha to what it converts
     return own and all(MaskFlags.alpha in source.mask_flag_enums[band - 1] for band in bands)
 
 
-def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
-    """(n, 4) RGBA of the values of a band of palette indices."""
+def _palette(source: "DatasetReader", bands: Sequence[int], notes: list[str]) -> NDArray[np.uint8] | None:
+    """(n, 4) RGBA for each value of a band with a palette; None for other bands."""
     from rasterio.enums import ColorInterp
 
     if len(bands) > 1 or source.colorinterp[bands[0] - 1] != ColorInterp.palette:
@@ -319,8 +327,8 @@ def _palette(source: Any, bands: Sequence[int], notes: list[str]) -> NDArray[np.
     return table
 
 
-def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] | None:
-    """The range of values with less than 8 bits."""
+def _few_bits(source: "DatasetReader", band: int, notes: list[str]) -> tuple[float, float] | None:
+    """The range of values of fewer than 8 bits; None for others."""
     bits = _bits(source, band)
     if not 1 <= bits < 8:
         return None
@@ -328,19 +336,19 @@ def _few_bits(source: Any, band: int, notes: list[str]) -> tuple[float, float] |
     return 0.0, 2.0**bits - 1
 
 
-def _bits(source: Any, band: int) -> int:
+def _bits(source: "DatasetReader", band: int) -> int:
     return int(source.tags(band, ns="IMAGE_STRUCTURE").get("NBITS", 8))
 
 
 def _samples(scale: float) -> int:
-    """How many source pixels along one side become a pixel."""
+    """How many source pixels along one side are averaged into a pixel."""
     return int(scale) if scale in range(1, MAX_SAMPLES_PER_PX) else MAX_SAMPLES_PER_PX
 
 
 def _means(
-    values: NDArray[Any], known: NDArray[np.bool_] | None, across: int, down: int
-) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-    """Means of `down` x `across` px of what is known, and where that is at least half of them."""
+    values: radiometry.Values, known: NDArray[np.bool_] | None, across: int, down: int
+) -> tuple[radiometry.Values, NDArray[np.bool_] | None]:
+    """Means over the known pixels of `down` x `across` px each, and where at least half of them are known."""
     height, width, bands = values.shape[0] // down, values.shape[1] // across, values.shape[2]
     values = values.reshape(height, down, width, across, bands)
     if known is None:

@@ -1,4 +1,4 @@
-"""The photographs of a result, read again where the result does not hold their pixels."""
+"""The photographs of a result, opened again where the result does not hold their pixels."""
 
 import contextlib
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from zpm2.photos.source import InMemoryPhoto, Source, open_source, reduced
 
 @contextlib.contextmanager
 def reopened(side: ImagePolygons, name: str, config: RasterConfig) -> Iterator[Source]:
-    """The photograph of a side: from memory where the result holds all of it or where it has no file, else the file.
+    """The photograph of one side: from memory where the result holds it in full or where it has no file, else its file.
 
     `InputError` where the file is no longer there or has another size, or where there is neither file nor pixels.
     """
@@ -33,7 +33,7 @@ def reopened(side: ImagePolygons, name: str, config: RasterConfig) -> Iterator[S
 
 
 def pixels(side: ImagePolygons, name: str, config: RasterConfig, longest: int | None = None) -> Image:
-    """The photograph of a side, or a version of it reduced to `longest` px or more where that is at hand."""
+    """The photograph of one side; with `longest` the one in memory at any size, else one of at most `longest` px."""
     if side.image is not None and (longest is not None or side.image.width == side.width):
         return side.image
     with reopened(side, name, config) as source:

@@ -1,4 +1,4 @@
-"""Grey values between pixels and between scales."""
+"""Grey values between pixels, and image pyramids."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ def pyramid(gray: NDArray[np.float32], levels: int, factor: int) -> list[NDArray
 
 
 def bilinear(image: NDArray[np.float32], at: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(m, k, 2) places, pixel centres at 0 -> (m, k) interpolated values, the border repeated."""
+    """(m, k, 2) positions with pixel centres at 0 -> (m, k) interpolated values; the border's beyond it."""
     h, w = image.shape
     x, y = np.clip(at[..., 0], 0, w - 1), np.clip(at[..., 1], 0, h - 1)
     x0, y0 = np.minimum(x.astype(np.int64), max(w - 2, 0)), np.minimum(y.astype(np.int64), max(h - 2, 0))

@@ -1,9 +1,9 @@
-"""Photographs of any size through one interface: held in memory, or read from their file by windows."""
+"""Photographs of any size through one interface: in memory, or read from their file by windows."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -18,20 +18,20 @@ from zpm2.photos.gdal import UnsupportedByGdal
 from zpm2.photos.raster import Window, open_raster
 
 Array = NDArray[np.float64]
-ImageLike = str | Path | NDArray[Any] | PIL.Image.Image | Image
+ImageLike = str | Path | NDArray[np.generic] | PIL.Image.Image | Image
 DEFAULTS = RasterConfig()
 _GEO_TAGS = {33550, 33922, 34264, 34735}  # of a TIFF: scale, tie points, transform, keys
 
 
 class Source(Protocol):
-    """A photograph of which windows are read."""
+    """A photograph that is read by windows."""
 
     @property
     def path(self) -> str | None: ...
 
     @property
     def files(self) -> Sequence[str]:
-        """What is read while a run lasts: the file, and those that go with it; none where it is in memory."""
+        """The files that a run reads: the photograph's and those that belong to it; none where it is in memory."""
         ...
 
     @property
@@ -46,7 +46,7 @@ class Source(Protocol):
 
     @property
     def held(self) -> int:
-        """Bytes of it that are in memory all the time."""
+        """Bytes that it takes in memory permanently."""
         ...
 
     @property
@@ -57,19 +57,19 @@ class Source(Protocol):
 
     @property
     def placed(self) -> bool:
-        """Whether pixels have longitude and latitude."""
+        """Whether pixels can be given a longitude and latitude."""
         ...
 
     def read(self, window: Window | None = None, size: tuple[int, int] | None = None) -> Image:
-        """The window (all, where none is given), reduced to `size` (width, height) px."""
+        """The window (default: all), reduced to `size` (width, height) px."""
         ...
 
     def to_lon_lat(self, points: Array) -> Array:
-        """(n, 2) image px -> (n, 2) degrees, WGS 84; NaN where there is no way."""
+        """(n, 2) image px -> (n, 2) degrees, WGS 84; NaN where this is not possible."""
         ...
 
     def from_lon_lat(self, degrees: Array) -> Array:
-        """(n, 2) degrees -> (n, 2) image px; NaN where there is no way."""
+        """(n, 2) degrees -> (n, 2) image px; NaN where this is not possible."""
         ...
 
     def close(self) -> None: ...
@@ -112,13 +112,13 @@ class InMemoryPhoto:
 def open_source(
     source: ImageLike, name: str = "image", config: RasterConfig = DEFAULTS, gsd: float | None = None
 ) -> Source:
-    """A photograph as a `Source`. This is where the library that reads a file is chosen.
+    """A photograph as a `Source`. Chooses the library that reads the file.
 
-    A file is read by windows, through rasterio, where it is georeferenced, where `config.bands` are chosen, and where
-    it has more than `config.large_px` pixels. All else is read at once: by Pillow 8-bit pictures (PNG, JPEG, ...), what
-    GDAL does not know, and everything where rasterio is missing, with a note where that matters; by rasterio all other
-    files. The rules for values and gaps are those of `read_image`, whoever reads. `gsd` is in m per px and goes before
-    the file's own. Errors are those of `read_image` and `open_raster`.
+    rasterio reads a file by windows where it is georeferenced, where `config.bands` are chosen, and where it has more
+    than `config.large_px` pixels. Other files are read at once. Pillow reads 8-bit pictures (PNG, JPEG, ...), formats
+    that GDAL does not know, and everything where rasterio is not installed (a note says what is lost); rasterio reads
+    the rest. The rules for values and gaps are the same for both (`read_image`). `gsd` (m per px) replaces the file's
+    own. Errors are those of `read_image` and `open_raster`.
     """
     if isinstance(source, str | Path):
         return _open_file(Path(source), name, config, gsd)
@@ -142,7 +142,7 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
         try:
             image = pictures.read_file(path, what, config.stretch)
         except pictures.UnknownFormat:
-            raise error from None  # which knows more about rasters
+            raise error from None  # GDAL's message says more about rasters
         if bands:
             raise InputError(f"{what}: bands are chosen from rasters that GDAL reads, it does not know this") from error
         return InMemoryPhoto(image, (), gsd)
@@ -155,7 +155,7 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
     return InMemoryPhoto(image, [radiometry.NOT_TRANSPARENT] if dropped else (), gsd)
 
 
-def _from_memory(source: Any, name: str, config: RasterConfig) -> Image:
+def _from_memory(source: object, name: str, config: RasterConfig) -> Image:
     if isinstance(source, Image):
         checks.check(source.rgb, name)
         return source
@@ -168,7 +168,7 @@ def _from_memory(source: Any, name: str, config: RasterConfig) -> Image:
 
 @contextlib.contextmanager
 def opened(left: ImageLike, right: ImageLike, config: RasterConfig = DEFAULTS) -> Iterator[tuple[Source, Source]]:
-    """Both photographs of a pair, closed at the end."""
+    """Both photographs of a pair, open inside this block."""
     sides = [config.gsd[0], config.gsd[-1]] if config.gsd else [None, None]
     with contextlib.ExitStack() as stack:
         found = []
@@ -179,13 +179,13 @@ def opened(left: ImageLike, right: ImageLike, config: RasterConfig = DEFAULTS) -
 
 
 def reduced(source: Source, longest: int) -> Image:
-    """All of a photograph with its longer side at most `longest` px."""
+    """The whole photograph, reduced so that its longer side has at most `longest` px."""
     factor = min(1.0, longest / max(source.width, source.height))
     return source.read(None, (max(1, round(source.width * factor)), max(1, round(source.height * factor))))
 
 
 def _missed(path: Path, config: RasterConfig) -> list[str]:
-    """What is lost where rasterio is missing."""
+    """Notes on what is lost without rasterio."""
     notes = []
     with contextlib.suppress(*pictures.DAMAGE), pictures.looked_at(path) as picture:
         if _GEO_TAGS & set(getattr(picture, "tag_v2", {})):

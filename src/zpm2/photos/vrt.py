@@ -1,7 +1,7 @@
-"""What a VRT, GDAL's virtual raster, is made of, checked before GDAL opens it.
+"""The content of a VRT, GDAL's virtual raster, checked before GDAL opens it.
 
-A VRT is XML: it can have any file of the machine, any address of a network and any script opened. Here it is read as
-GDAL reads it, and everything that is not known to be harmless is refused: elements, attributes, names.
+A VRT is XML and can make GDAL open any file, network address or script. We parse it as GDAL does and refuse every
+element, attribute and name that is not known to be harmless.
 """
 
 import os
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from zpm2.errors import ConfigError, InputError
 from zpm2.files.reading import read_text
 
-ALLOWED = "ZPM2_ALLOW_VRT"  # environment variable: more folders that sources may lie below, as PATH lists them
+ALLOWED = "ZPM2_ALLOW_VRT"  # environment variable: more folders for sources, separated as in PATH
 
 _ELEMENTS = """
     VRTDataset SRS GeoTransform GCPList GCP Metadata BlockXSize BlockYSize VRTRasterBand MaskBand Description
@@ -30,14 +30,14 @@ _ATTRIBUTES = """
 """
 ELEMENTS, ATTRIBUTES = frozenset(_ELEMENTS.split()), frozenset(_ATTRIBUTES.split())
 _DECLARATION = re.compile(r"\s*<\?xml[^<>]*\?>")
-_ELSEWHERE = re.compile(r"/vsi|.*[<>{}|?*\"\0\n]|(?![A-Za-z]:[\\/]).*:|[A-Za-z]:.*:", re.DOTALL)  # than on a disk
+_ELSEWHERE = re.compile(r"/vsi|.*[<>{}|?*\"\0\n]|(?![A-Za-z]:[\\/]).*:|[A-Za-z]:.*:", re.DOTALL)  # not on a disk
 
 
 def allow(folders: Sequence[Path]) -> None:
-    """Let the sources of VRT files lie in and below these folders. `ConfigError` for what is no folder."""
+    """Allow sources of VRT files in and below these folders. `ConfigError` where one is not a folder."""
     for folder in folders:
         if not folder.is_dir():
-            raise ConfigError(f"--allow-vrt {folder} is no folder: give one that sources of VRT files may lie below")
+            raise ConfigError(f"--allow-vrt {folder} is not a folder: give the one with the sources of the VRT")
     if folders:
         os.environ[ALLOWED] = os.pathsep.join(map(os.path.abspath, folders))
 
@@ -45,10 +45,10 @@ def allow(folders: Sequence[Path]) -> None:
 def sources(path: Path, beside: Path, what: str) -> list[Path]:
     """The files that a VRT is made of, in its order, each once.
 
-    beside: the folder of the VRT that the user gave, of which this one may be a part. Every source must be a file that
-    lies, links followed, in that folder itself or below one that the user allows (`allow`, environment variable
-    ZPM2_ALLOW_VRT). `InputError` for others, and for everything else that `ELEMENTS` and `ATTRIBUTES` lack: scripts,
-    raw bands, warping.
+    beside: the folder of the VRT that the user gave; this one may be a part of that. Links followed, every source must
+    be a file directly in that folder, or below a folder that the user allows (`allow`, environment variable
+    ZPM2_ALLOW_VRT). `InputError` for other sources, and for elements and attributes that are not in `ELEMENTS` and
+    `ATTRIBUTES`: scripts, raw bands, warping.
     """
     found = list[Path]()
     unread = [_root(path, what)]
@@ -62,24 +62,24 @@ def sources(path: Path, beside: Path, what: str) -> list[Path]:
                 raise _refused(what, f'{name[:40]}="{value[:40]}"')
         if element.tag == "SourceFilename":
             found.append(_source(element, path, beside, what))
-        if element.tag != "Metadata":  # which holds texts of every kind
+        if element.tag != "Metadata":  # which may hold any text
             unread += reversed(element)
     return list(dict.fromkeys(found))
 
 
 def _root(path: Path, what: str) -> ElementTree.Element:
     try:
-        text = read_text(path)  # as UTF-8 whatever it declares, as GDAL does
+        text = read_text(path)  # as UTF-8, whatever it declares: GDAL does the same
     except (OSError, ValueError) as error:
-        raise InputError(f"{what} is no VRT in UTF-8: write it again with gdalbuildvrt") from error
-    declared = _DECLARATION.match(text)  # at its beginning only: a search takes hours for many spaces
+        raise InputError(f"{what} is not a VRT in UTF-8: write it again with gdalbuildvrt") from error
+    declared = _DECLARATION.match(text)  # at the beginning only: a search takes hours where there are many spaces
     text = text[declared.end() :] if declared else text
-    if "<!" in text or "<?" in text:  # comments, entities, CDATA: parsers differ in what they make of them
+    if "<!" in text or "<?" in text:  # comments, entities, CDATA: parsers treat them differently
         raise InputError(f"{what} is a VRT with comments or declarations: write it again with gdalbuildvrt")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(f"{what} is damaged, it is no valid XML: write it again with gdalbuildvrt") from error
+        raise InputError(f"{what} is damaged, it is not valid XML: write it again with gdalbuildvrt") from error
     if root.tag != "VRTDataset":
         raise _refused(what, f"<{root.tag[:40]}>")
     return root
@@ -90,7 +90,7 @@ def _source(element: ElementTree.Element, path: Path, beside: Path, what: str) -
     shown = " ".join(name[:200].split())
     relative = element.get("relativeToVRT") or element.get("relativetoVRT") or "0"
     if _ELSEWHERE.match(name) or name != name.strip() or relative not in ("0", "1"):
-        raise InputError(f"{what} has source '{shown}', which is no name of a local file: download or unpack it first")
+        raise InputError(f"{what} has source '{shown}', which does not name a local file: download or unpack it first")
     start = Path(os.path.realpath(path)).parent if relative == "1" else Path.cwd()
     source = start / name
     try:
@@ -104,7 +104,7 @@ def _source(element: ElementTree.Element, path: Path, beside: Path, what: str) -
             f"--allow-vrt FOLDER ({ALLOWED})"
         )
     if not real.is_file():
-        raise InputError(f"{what} has source {shown}, which is no file: write it again with gdalbuildvrt")
+        raise InputError(f"{what} has source {shown}, which is not a file: write it again with gdalbuildvrt")
     return source
 
 

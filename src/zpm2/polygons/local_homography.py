@@ -1,7 +1,5 @@
 """A homography of its own for each polygon, fitted to the homologous points inside it (paper 3.4.1)."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,7 +40,7 @@ def fit_homographies(
         mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
         depth = np.maximum(mapped[:, 2], 1e-3)
         residual = np.linalg.norm(mapped[:, :2] / depth[:, None] - u, axis=1) * u_size[group]
-        scale: Any = config.residual
+        scale: float | Array = config.residual
         if iteration < config.wide_iterations:
             scale = np.maximum(scale, _group_median(residual, group, first, count))[group]
         weight = 1.0 / (1.0 + (residual / scale) ** 2) / depth**2

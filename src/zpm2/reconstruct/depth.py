@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -132,7 +131,7 @@ def _normals(depth: Depth, camera: PosedCamera, config: ReconstructConfig) -> De
     normal = np.cross(down, along)  # towards the camera: y points down
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
     normal = np.nan_to_num(normal)
-    smooth: Any = cv2.GaussianBlur(normal, (0, 0), config.normal_smoothing)
+    smooth = cv2.GaussianBlur(normal, (0, 0), config.normal_smoothing)
     size = np.linalg.norm(smooth, axis=2, keepdims=True)
     known = np.isfinite(depth)[..., None] & (size > config.min_normal)
     return np.where(known, smooth / np.maximum(size, 1e-12), 0).astype(np.float32)

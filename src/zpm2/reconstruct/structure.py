@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from zpm2.errors import InputError
 from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
 from zpm2.model import PosedCamera
+
+if TYPE_CHECKING:
+    from pycolmap import IncrementalPipelineOptions, Reconstruction, TwoViewGeometryOptions
 
 
 def find_structure(
@@ -41,13 +45,13 @@ def find_structure(
 
 
 def _reconstruct(
-    pycolmap: Any,
+    pycolmap: ModuleType,
     images: Path,
     names: Sequence[str],
     part: Path,
     known: Mapping[str, PosedCamera] | None,
     config: Config,
-) -> Any:
+) -> "Reconstruction":
     """The model with the most photographs; intermediate files of COLMAP go to `part`."""
     database, models = part / "database.db", part / "models"
     models.mkdir()
@@ -71,7 +75,7 @@ def _reconstruct(
     return max(found.values(), key=lambda r: r.num_reg_images())
 
 
-def _seeded(pycolmap: Any, seed: int) -> tuple[Any, Any]:
+def _seeded(pycolmap: ModuleType, seed: int) -> tuple["TwoViewGeometryOptions", "IncrementalPipelineOptions"]:
     """Options of matching and of mapping that give the same model each time: the same samples, whichever thread draws
     them, and one thread for the adjustment, as several add up in another order each time."""
     pycolmap.set_random_seed(seed)
@@ -82,7 +86,7 @@ def _seeded(pycolmap: Any, seed: int) -> tuple[Any, Any]:
     return verification, mapping
 
 
-def _give_cameras(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> None:
+def _give_cameras(pycolmap: ModuleType, file: Path, known: Mapping[str, PosedCamera]) -> None:
     """Puts the known cameras into a database."""
     database = pycolmap.Database.open(str(file))
     try:
@@ -92,7 +96,7 @@ def _give_cameras(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -
         database.close()
 
 
-def _posed(pycolmap: Any, file: Path, known: Mapping[str, PosedCamera]) -> Any:
+def _posed(pycolmap: ModuleType, file: Path, known: Mapping[str, PosedCamera]) -> "Reconstruction":
     """A model of the known cameras without points, its ids those of a database."""
     model = pycolmap.Reconstruction()
     database = pycolmap.Database.open(str(file))

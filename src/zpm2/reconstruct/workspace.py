@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 from zpm2.config import Config, ReconstructConfig
 from zpm2.errors import InputError
@@ -130,7 +130,7 @@ def _claim(
         raise InputError(f"{workspace} is a reconstruction with other {' and '.join(differ)}: give another folder")
 
 
-def _values(posed: PosedCamera) -> list[Any]:
+def _values(posed: PosedCamera) -> list[object]:
     return [posed.camera.to_dict(), posed.rotation.tolist(), posed.translation.tolist()]
 
 
@@ -159,7 +159,7 @@ def _link(photographs: Sequence[Path], names: Sequence[str], folder: Path) -> No
                     move_into_place(part / "photograph", target)
 
 
-def _depth(pycolmap: Any, dense: Path, config: Config, tell: Callable[[str, float], None]) -> list[str]:
+def _depth(pycolmap: ModuleType, dense: Path, config: Config, tell: Callable[[str, float], None]) -> list[str]:
     if not pycolmap.has_cuda:
         return write_depth_maps(dense, config, tell)
     tell("depth", 0.0)
@@ -169,7 +169,7 @@ def _depth(pycolmap: Any, dense: Path, config: Config, tell: Callable[[str, floa
     return []
 
 
-def _fuse(pycolmap: Any, dense: Path, fused: Path, config: ReconstructConfig) -> None:
+def _fuse(pycolmap: ModuleType, dense: Path, fused: Path, config: ReconstructConfig) -> None:
     views = sum(1 for _ in (dense / "stereo" / "depth_maps").rglob("*.geometric.bin"))
     options = pycolmap.StereoFusionOptions()
     options.min_num_pixels = min(config.fusion_views, views)
@@ -186,7 +186,7 @@ def _fuse(pycolmap: Any, dense: Path, fused: Path, config: ReconstructConfig) ->
         move_into_place(made, fused)
 
 
-def _mesh(pycolmap: Any, fused: Path, mesh: Path, config: ReconstructConfig) -> None:
+def _mesh(pycolmap: ModuleType, fused: Path, mesh: Path, config: ReconstructConfig) -> None:
     meshing = pycolmap.PoissonMeshingOptions()
     meshing.depth, meshing.trim = config.poisson_depth, config.trim
     meshing.num_threads = 1  # several add up in another order each time

@@ -46,7 +46,7 @@ def _kitti_size(values: dict[str, str], path: Path) -> tuple[int, int] | None:
     try:
         width, height = (round(float(word)) for word in values["S_rect_02"].split())
     except (ArithmeticError, ValueError) as error:
-        raise InputError(f"{path} has an S_rect_02 that is no width and height: download it again") from error
+        raise InputError(f"{path} has an S_rect_02 that is not a width and a height: download it again") from error
     return width, height
 
 

@@ -3,8 +3,6 @@
 Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as OpenCV has it.
 """
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +27,7 @@ def semi_global(left: Image, right: Image, low: int, high: int, config: StereoCo
     count = -(-(high - low + 1) // SUBPIXEL) * SUBPIXEL
     grey = [cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     small = grey[0].size < config.all_directions
-    matcher: Any = cv2.StereoSGBM.create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,
         blockSize=config.window,
@@ -65,7 +63,7 @@ def _smoothed(disparity: Disparity, config: StereoConfig) -> Disparity:
     known = np.isfinite(disparity)
     if not known.any():
         return disparity
-    nearest: Any = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     whole = np.ascontiguousarray(disparity[tuple(nearest)])
     smooth = cv2.bilateralFilter(whole, 0, config.smooth_range, config.smooth)
     return np.where(known, smooth, np.nan).astype(np.float32)
@@ -95,7 +93,7 @@ def disparity_range(differences: Array, width: int, config: StereoConfig) -> tup
     near, far, margin = robust_range(differences, config.range_margin, config)
     low, high = int(np.floor(near - margin)), int(np.ceil(far + margin))
     if high - low > config.max_range * width:
-        return Failed(f"disparities from {low} to {high} px: this is no rectified pair")
+        return Failed(f"disparities from {low} to {high} px: this is not a rectified pair")
     return low, high
 
 

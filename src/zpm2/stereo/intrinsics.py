@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,7 @@ def read_camera(text: str, image: str | Path, size: Size, centers: float = 0.5, 
         matrix, distortion, made_for = _from_file(path, name, size)
     else:
         raise InputError(
-            f"--{name} '{text}' is no file and not fx,fy,cx,cy; give numbers in px, a matrix file, a COLMAP model, "
+            f"--{name} '{text}' is neither a file nor fx,fy,cx,cy; give numbers in px, a matrix file, a COLMAP model, "
             "exif or guess"
         )
     if np.shape(matrix) == (3, 3):
@@ -98,11 +98,11 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     except pictures.DAMAGE as error:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")
     diagonal = float(np.hypot(*size))
-    if (equivalent := _positive(values.get(FOCAL_35))) is not None:
+    if (equivalent := _positive(values.get(FOCAL_35, 0))) is not None:
         return centred(equivalent / FULL_FRAME * diagonal, size, "exif")
-    focal, resolution = _positive(values.get(FOCAL)), _positive(values.get(PLANE_X))
+    focal, resolution = _positive(values.get(FOCAL, 0)), _positive(values.get(PLANE_X, 0))
     if focal is not None and resolution is not None and values.get(PLANE_UNIT) in UNITS:
-        width, height = (_positive(values.get(tag)) for tag in (WIDTH, HEIGHT))
+        width, height = (_positive(values.get(tag, 0)) for tag in (WIDTH, HEIGHT))
         # by the longer sides, as programs that turn a photograph exchange its sides here or not
         shrunk = max(size) / max(width, height) if width and height else size[0] / (width or size[0])
         return centred(focal * resolution / UNITS[values[PLANE_UNIT]] * shrunk, size, "exif")
@@ -180,7 +180,7 @@ def _numbers(words: Sequence[str]) -> Array | None:
         return None
 
 
-def _positive(value: Any) -> float | None:
+def _positive(value: SupportsFloat | str) -> float | None:
     try:
         number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):

@@ -8,7 +8,6 @@ reconstruction (`rectify_views`) are drawn as far as the first one reaches, for 
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -51,7 +50,7 @@ class RectifiedPair:
 
     __repr__ = brief
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """What a dense matcher needs to know (rectification.json)."""
         sides = {
             name: {

@@ -1,7 +1,6 @@
 """A rectified pair of cameras: equal rows, one focal length."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ class Rig:
         shift = np.array([-self.baseline, 0.0, 0.0])
         return PosedCamera(self.left, np.eye(3), np.zeros(3)), PosedCamera(self.right, np.eye(3), shift)
 
-    def depth(self, disparity: Any) -> Any:
+    def depth(self, disparity: Array) -> Array:
         """Z = f B / (d + doffs); NaN where that is behind the cameras."""
         with np.errstate(divide="ignore", invalid="ignore"):
             z = self.left.matrix[0, 0] * self.baseline / (disparity + self.offset)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from zpm2.files.keys import key as key_of
 from zpm2.files.keys import stamp
 from zpm2.files.reading import WRONG, parse_json, unpack_gzip
 from zpm2.files.writing import atomic_write, output_folder
+from zpm2.formats.convert import Members
 from zpm2.formats.document import from_plain, to_plain
 from zpm2.model import ImagePolygons, PointMatches, Polygon
 from zpm2.photos.raster import Window
@@ -63,7 +64,7 @@ def tile_without_partner(
 
 
 def key(
-    sources: Sequence[Source], config: Mapping[str, Any], segmenters: str, regions: Sequence[str | Path] = ()
+    sources: Sequence[Source], config: Mapping[str, object], segmenters: str, regions: Sequence[str | Path] = ()
 ) -> str:
     """A name for the tiles of these photographs, files of given regions and configuration, by this code."""
     return key_of(regions, [_content(source) for source in sources], config, segmenters)
@@ -105,7 +106,7 @@ class TileCache:
             raise OutputError(f"{error}; finished tiles are kept, run the same command again to go on") from error
 
 
-def _content(source: Source) -> Any:
+def _content(source: Source) -> str | Sequence[tuple[str, int] | None]:
     """The stamps of the files of a photograph that is read by windows, unless only GDAL finds them. Else a hash of its
     pixels: they may be given with a path and differ from the file's."""
     stamps = [stamp(file) for file in source.files]
@@ -119,7 +120,7 @@ def _content(source: Source) -> Any:
     return found.hexdigest()
 
 
-def _to_dict(tile: Tile) -> dict[str, Any]:
+def _to_dict(tile: Tile) -> dict[str, object]:
     sides = [
         {**to_plain(ImagePolygons(0, 0, polygons)), "window": window}
         for polygons, window in zip(tile.polygons, tile.windows, strict=True)
@@ -133,7 +134,7 @@ def _to_dict(tile: Tile) -> dict[str, Any]:
     }
 
 
-def _from_dict(content: Mapping[str, Any]) -> Tile:
+def _from_dict(content: Members) -> Tile:
     sides = content["sides"]
     return Tile(
         int(content["level"]),
@@ -145,7 +146,7 @@ def _from_dict(content: Mapping[str, Any]) -> Tile:
     )
 
 
-def _window(values: Any) -> Window | None:
+def _window(values: Sequence[int] | None) -> Window | None:
     if values is None:
         return None
     x0, y0, x1, y1 = map(int, values)

@@ -1,1 +1,1 @@
-"""One module per output format, found by its place here (`formats.registry`)."""
+"""One module per output format; `formats.registry` imports all modules of this folder."""

@@ -1,8 +1,7 @@
-"""left.geojson and right.geojson, which every result has."""
+"""left.geojson and right.geojson, which are always written."""
 
 import contextlib
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.formats import geojson
@@ -11,11 +10,11 @@ from zpm2.formats.registry import OutputFormat, PairResult, register
 from zpm2.model import SIDES, ImagePolygons
 
 
-def feature_collections(result: PairResult) -> dict[str, dict[str, Any]]:
+def feature_collections(result: PairResult) -> dict[str, dict[str, object]]:
     """The polygons as two GeoJSON FeatureCollections, "left" and "right".
 
-    Where a photograph has a reference system with longitude and latitude, in these (RFC 7946); else in image px, and
-    marked so.
+    In longitude and latitude (RFC 7946) where the photograph's reference system allows it; else in image px, which the
+    file states.
     """
     sides = result.left, result.right
     return {name: _collection(side, layer) for name, side, layer in zip(SIDES, sides, layers_of(result), strict=True)}
@@ -27,7 +26,7 @@ def write(result: PairResult, folder: Path) -> None:
         geojson.write(folder / f"{name}.geojson", collection)
 
 
-def _collection(side: ImagePolygons, layer: Layer) -> dict[str, Any]:
+def _collection(side: ImagePolygons, layer: Layer) -> dict[str, object]:
     if layer.crs is not None:
         with contextlib.suppress(InputError):  # no longitude and latitude: `gis.messages` has warned of it
             return feature_collection(layer)

@@ -15,7 +15,7 @@ def write(result: PairResult, folder: Path) -> None:
 
 
 def _by_default(result: PairResult) -> bool:
-    """Where a photograph lies on the ground, and the package is there."""
+    """Where a photograph is placed on the ground and pyogrio is installed."""
     return gis.has_pyogrio() and any(layer.crs is not None for layer in layers_of(result))
 
 
