@@ -140,6 +140,10 @@ class Registry(Generic[Part]):
         """The parts of `items`."""
         return [part for _, part in self.items()]
 
+    def loaded(self) -> list[Part]:
+        """The parts that registered themselves so far."""
+        return [each.part for each in self._parts.values()]
+
     def unknown(self, name: str, more: Sequence[str] = ()) -> ConfigError:
         """The error for a name that no part has. `more` names would have done, too."""
         known = [*self.names(), *more]

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import cloud, config, demo, doctor, match, pose, reconstruct, weights
+from zpm2.cli import cloud, config, demo, doctor, match, models, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -25,6 +25,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "cloud": cloud.cloud,
     "eval": evaluation.evaluate,
     "config": config.app,
+    "models": models.models,
     "weights": weights.app,
     "doctor": doctor.doctor,
 }

@@ -89,7 +89,8 @@ def segmenters() -> Iterable[str]:
     return api.segmenters()
 
 
-def _own_segmenters() -> Iterable[str]:
+def registered_segmenters() -> Iterable[str]:
+    """The names of the segmenters that a configuration may name."""
     from zpm2.segment.registry import SEGMENTERS
 
     return SEGMENTERS
@@ -136,7 +137,7 @@ def settings_of(incomplete: str) -> list[str]:
     fields = [name for name, *_ in config.describe(config.Config())]
     if not equals:
         return [f"{name}=" for name in fields if name.startswith(key)]
-    registered = {"segment.model": _own_segmenters, "points.methods": point_matchers}
+    registered = {"segment.model": registered_segmenters, "points.methods": point_matchers}
     values = registered.get(key) or (choices(key) if key in fields else tuple)
     return [f"{key}={value}" for value in one_of(values)(begun)]
 
