@@ -218,7 +218,7 @@ class _Pairs:
         name = "-".join(str(Path(view.name).with_suffix("")).replace("/", "_") for view in (left, right))
         folder, made_from = (
             home / name,
-            key([left.path, right.path], matching_part(self.config), plugin_code(self.config)),
+            key([left.path, right.path], matching_part(self.config), *plugin_code(self.config)),
         )
         if saved_key(folder) != made_from or not (folder / "matches.json").exists():
             result = self._match(left, right)

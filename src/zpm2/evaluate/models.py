@@ -59,7 +59,7 @@ def rows(names: Sequence[str] = ()) -> list[ModelRow]:
     `PluginWarning`."""
     if not names:
         return [_row(kind, name) for kind, models in REGISTRIES.items() for name, _ in models.items()]
-    return [_row(_kind(name), name) for name in dict.fromkeys(names)]
+    return [_row(kind, name) for name in dict.fromkeys(names) for kind in _kinds(name)]
 
 
 def measure(row: ModelRow) -> ModelRow:
@@ -98,11 +98,12 @@ def measure_here(kind: str, name: str) -> Measured:
     return Measured(round(loaded - start, 2), round(end - loaded, 2), peak_mb(), found)
 
 
-def _kind(name: str) -> str:
-    kind = kind_of(name)
-    if kind not in REGISTRIES:
-        raise ConfigError(f"'{name}' is a {kind}: give segmenters and point matchers, or --all without names")
-    return kind
+def _kinds(name: str) -> list[str]:
+    """Usually one; a segmenter and a point matcher may have the same name."""
+    kinds = [kind_of(name)] if ":" in name else [kind for kind, models in REGISTRIES.items() if name in models]
+    if not kinds or kinds[0] not in REGISTRIES:
+        raise ConfigError(f"'{name}' is a {kind_of(name)}: give segmenters and point matchers, or --all without names")
+    return list(kinds)
 
 
 def _row(kind: str, name: str) -> ModelRow:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -113,13 +112,11 @@ class TiledRun:
         if self.cache is None:
             return TileCache(None, "")
         segmenters = self.matcher.segmenters()
-        name = "/".join([*(segmenter.name for segmenter in segmenters), *([self.points.name] if self.points else [])])
+        points = [] if self.points is None else [self.points.name]
+        name = "/".join([*(s.name for s in segmenters), *points, *plugin_code(self.matcher.config)])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = self.matcher.config.to_dict()
-        used: dict[str, Any] = {stage: values[stage] for stage in STAGES} | {
-            "plugins": plugin_code(self.matcher.config)
-        }
-        return TileCache(self.cache, key(self.sources, used, name, regions))
+        return TileCache(self.cache, key(self.sources, {stage: values[stage] for stage in STAGES}, name, regions))
 
     def _regions(self, tiles: Sequence[Tile], config: Config) -> tuple[StitchedRegions, StitchedRegions]:
         first, second = self.matcher.segmenters()
