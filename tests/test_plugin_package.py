@@ -128,3 +128,45 @@ def test_a_data_set_is_evaluated_by_its_path(fresh: Fresh) -> None:
     assert code == 2
     assert err.startswith("zpm2: ")
     assert "left.png is not there: give the folder that holds the scenes" in err
+
+
+def test_a_format_by_its_path(fresh: Fresh, pair: Pair) -> None:
+    regions = ["--left-regions", pair.left_regions, "--right-regions", pair.right_regions, "--points", "sift"]
+    code, _, err = fresh(
+        "zpm2", "match", pair.left, pair.right, "-o", "out", *regions, "--format", "zpm2_toy.table:TABLE"
+    )
+    assert code == 0, err
+    assert (fresh.folder / "out" / "matches.csv").is_file()
+
+
+def test_a_broken_package_costs_a_line(fresh: Fresh, pair: Pair) -> None:
+    info = fresh.folder / "broken-2.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
+    (info / "entry_points.txt").write_text("[zpm2.segmenters]\nbad = broken_zpm2:Bad\n")
+    (fresh.folder / "broken_zpm2.py").write_text("raise OSError('no\\nway')\n")
+    fresh.environment["PYTHONPATH"] += os.pathsep + str(fresh.folder)
+    why = "segmenter 'bad' of package broken 2.0 cannot be loaded: OSError: no way; repair that package or remove it\n"
+    code, out, err = fresh("zpm2", "models")
+    assert (code, err) == (0, f"warning: {why}")
+    assert "levels" in out
+    words = ["match", pair.left, pair.right, "-o", "out", "--points", "sift", "--segmenter"]
+    assert fresh("zpm2", *words, "bad")[::2] == (2, f"zpm2: {why}")
+    code, _, err = fresh("zpm2", *words, "levels")
+    assert (code, "broken" in err) == (0, False), err
+
+
+def test_no_package_is_looked_for_where_none_is_needed(fresh: Fresh) -> None:
+    """Entry points take time to read: not for the help, nor for a built-in name."""
+    (fresh.folder / "watch.py").write_text(
+        "import importlib.metadata as metadata\n"
+        "metadata.entry_points = None\n"
+        "from zpm2.cli.app import app\n"
+        "app(['--help'], standalone_mode=False)\n"
+        "from zpm2.plugins import BUILT_IN\n"
+        "from zpm2.segment.registry import SEGMENTERS\n"
+        "assert SEGMENTERS.origin('vit_b') == BUILT_IN\n"
+    )
+    code, out, err = fresh("watch")
+    assert (code, err) == (0, ""), err
+    assert "models" in out
