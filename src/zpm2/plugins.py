@@ -159,7 +159,8 @@ class Registry(Generic[Part]):
 
     def __contains__(self, name: object) -> bool:
         """Whether something can be asked for by that name: any dotted path can."""
-        return isinstance(name, str) and (":" in name or name in self._parts or name in self.names())
+        self._load_built_in()
+        return isinstance(name, str) and (":" in name or name in self._parts or name in self._offers())
 
     def _get(self, name: str) -> _Registered[Part]:
         self._load_built_in()

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
+from zpm2.errors import ConfigError
 from zpm2.plugins import ModelInfo
 from zpm2.segment.protocol import Segmenter
 from zpm2.segment.registry import segmenter
@@ -28,6 +29,8 @@ def sam(
     """The one that `config.model` names, with its networks loaded; see `zpm2.segment.sam`."""
     from zpm2.segment.sam import SamSegmenter
 
+    if config.model not in MODELS:
+        raise ConfigError(f"SAM has no model '{config.model}'; models are: {', '.join(MODELS)}")
     made = SamSegmenter(config, device, say, progress, download)
     made.load()
     return made
