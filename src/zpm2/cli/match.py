@@ -78,8 +78,8 @@ def match(
     segmenter: Annotated[
         str | None,
         typer.Option(
-            help="What finds the regions: mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own).  "
-            "[default: preset's]",
+            help="What finds the regions: mobile_sam, vit_b, vit_l, vit_h, precomputed (your own), another that is "
+            "installed (zpm2 models), or package.module:Class.  [default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(segmenters),
         ),
@@ -87,7 +87,8 @@ def match(
     points: Annotated[
         str | None,
         typer.Option(
-            help="One or several point matchers, for example xfeat,sift (docs/points.md).  [default: preset's]",
+            help="One or several point matchers, for example xfeat,sift (docs/points.md); also package.module:Class.  "
+            "[default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(point_matchers),
         ),

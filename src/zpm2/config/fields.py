@@ -4,7 +4,8 @@ grid: int = number(32, "prompts along each image side, grid x grid in all", low=
 """
 
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from zpm2.errors import ConfigError
@@ -12,6 +13,7 @@ from zpm2.errors import ConfigError
 T = TypeVar("T")
 Number = TypeVar("Number", bound=float)
 
+Word = bool | int | float | str  # the value of an option of another package's part
 LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
 
 
@@ -60,6 +62,30 @@ def option(
 ) -> T:
     """A field that is a word, a switch or a list. `check(name, value)` raises `ConfigError`."""
     return _field(default, Rule(meaning, unit, source=source, check=check))
+
+
+def options(meaning: str) -> dict[str, Word]:
+    """A field that holds the options of a part which another package may have written: its names are free, its values
+    numbers, words and switches."""
+    rule = Rule(meaning, check=_words)
+    made: dict[str, Word] = dataclasses.field(default_factory=dict, hash=False, metadata={"rule": rule})
+    return made
+
+
+def named(name: str, value: str) -> None:
+    """`ConfigError` for an empty name."""
+    if not value:
+        raise ConfigError(f"{name} is empty: give a name")
+
+
+def _words(name: str, values: Mapping[object, object]) -> None:
+    for key, value in values.items():
+        if not isinstance(key, str) or not key.isidentifier():
+            raise ConfigError(f"{name}.{short(key)} is not the name of an option: letters, digits and _ only")
+        if not isinstance(value, bool | int | float | str):
+            raise ConfigError(f"{name}.{key} must be a number, a word, true or false, got '{short(value)}'")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{name}.{key} must be finite, got {value}")
 
 
 def rule_of(item: "dataclasses.Field[object]") -> Rule:

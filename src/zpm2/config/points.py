@@ -1,8 +1,9 @@
 """Homologous points (paper 3.2)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from zpm2.config.fields import number, option, share
+from zpm2.config.fields import Word, number, option, options, share
 from zpm2.config.robust import MagsacConfig
 from zpm2.errors import ConfigError
 
@@ -86,7 +87,10 @@ class RotatedRetryConfig:
 class PointsConfig:
     """Homologous points (paper 3.2). Several matchers are combined, as the paper does."""
 
-    methods: tuple[str, ...] = option(("xfeat",), "one or several, see docs/points.md", check=_some)
+    methods: tuple[str, ...] = option(
+        ("xfeat",), "one or several (zpm2 models), or package.module:Class, see docs/points.md", check=_some
+    )
+    options: Mapping[str, Word] = options("of these matchers; each goes to those that have it")
     max_keypoints: int = number(4096, "per image and method", low=1, high=1_000_000, source="as published for XFeat")
     max_size: int = number(
         1600,

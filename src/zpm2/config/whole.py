@@ -111,5 +111,7 @@ def _type_name(kind: object) -> str:
         return " | ".join(arguments)
     if typing.get_origin(kind) is tuple:
         return f"{_type_name(arguments[0])},..."
+    if typing.get_origin(kind) is Mapping:
+        return "NAME=VALUE"
     assert isinstance(kind, type)
     return kind.__name__

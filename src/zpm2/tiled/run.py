@@ -24,7 +24,7 @@ from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.checks import MIN_SIDE
 from zpm2.photos.source import Source, reduced
-from zpm2.pipeline import PairMatcher
+from zpm2.pipeline import PairMatcher, plugin_code
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
@@ -112,7 +112,8 @@ class TiledRun:
         if self.cache is None:
             return TileCache(None, "")
         segmenters = self.matcher.segmenters()
-        name = "/".join([*(segmenter.name for segmenter in segmenters), *([self.points.name] if self.points else [])])
+        points = [] if self.points is None else [self.points.name]
+        name = "/".join([*(s.name for s in segmenters), *points, *plugin_code(self.matcher.config)])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = self.matcher.config.to_dict()
         return TileCache(self.cache, key(self.sources, {stage: values[stage] for stage in STAGES}, name, regions))
