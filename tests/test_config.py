@@ -94,7 +94,7 @@ def test_the_last_setting_wins_and_none_is_lost():
         ("segment.model=", "segment.model is empty"),
         ("segment.options=3", "segment.options holds options by name; set one of them: segment.options.NAME=VALUE"),
         ("segment.options.a.b=3", "segment.options.a must be a number, a word, true or false, got '{'b': '3'}'"),
-        ("points.options.a-b=3", "points.options.a-b is no name of an option"),
+        ("points.options.a-b=3", "points.options.a-b is not the name of an option"),
         ("local_match.assign=best", "local_match.assign must be one of optimal, greedy"),
         ("segment.grid=0", "segment.grid must be at least 1"),
         ("segment.grid=-3", "segment.grid must be a finite number >= 0"),
