@@ -38,7 +38,7 @@ def test_what_is_completed_is_what_the_package_takes() -> None:
     from zpm2.evaluate.datasets import DATASETS
     from zpm2.formats import registry
 
-    assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc")
+    assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc", "vote", "masa", "sgam", "mesa")
     assert tuple(options.segmenters()) == (*config.choices("segment.model"), "precomputed")
     assert tuple(options.point_matchers()) == tuple(features.METHODS)
     assert tuple(options.known_formats()) == tuple(registry.names())

@@ -33,7 +33,7 @@ class Sgam(Checked):
         "collection of points outside areas are left out",
     )
     min_similarity: float = share(0.3, "cosine of two descriptions, from which a pair is a candidate", source="ours")
-    doubt: float = share(0.1, "cosine by which a candidate may be worse than the best", source="ours")
+    doubt: float = share(0.2, "cosine by which a candidate may be worse than the best", source="ours")
     surround: float = number(
         0.5, "width of the surroundings, of the side of a square of the same area", above=True, high=10, source="ours"
     )
@@ -49,10 +49,10 @@ class Sgam(Checked):
     )
     ransac: float = number(1.0, "inlier threshold of each geometry", unit="px", above=True, source="released code")
     phi: float = number(
-        5.0,
+        10.0,
         "mean Sampson distance of a pair, in units of that within pairs, up to which it stays",
         above=True,
-        source="paper, alpha_list",
+        source="the largest of the released alpha_list",
     )
 
     def match(self, pair: RegionPair, stage: StageTimer) -> Pairing:
