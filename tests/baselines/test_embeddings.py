@@ -10,6 +10,7 @@ from rings import generators, star
 
 from zpm2.baselines.embeddings import FINE, Encoder, pooled
 from zpm2.config import preset
+from zpm2.errors import ConfigError
 from zpm2.model import Image
 
 
@@ -105,16 +106,23 @@ def test_vectors_say_what_regions_do_not_have_in_common(constant):
 def test_a_segmenter_without_embeddings_is_helped_out_by_sam(monkeypatch):
     opened = []
 
-    class Sam(Prompted):
-        def __init__(self, config, device, say, download):
-            opened.append((config.model, device))
-            super().__init__(View(0))
+    def create(config, device, say, download):
+        opened.append(config.model)
+        return Prompted(View(0))
 
-    monkeypatch.setattr("zpm2.segment.sam.SamSegmenter", Sam)
+    monkeypatch.setattr("zpm2.baselines.embeddings.create", create)
     it = encoder()
     it.begin((IMAGE, IMAGE), (Plain(), Plain()))
     assert it.notes == []
     it.embed((QUARTERS, QUARTERS))
     it.embed((QUARTERS, QUARTERS))
-    assert len(opened) == 1
+    assert opened == ["mobile_sam"]
     assert it.notes == ["regions embedded by mobile_sam: their own segmenter gives no embeddings"]
+
+
+def test_no_segmenter_with_embeddings(monkeypatch):
+    monkeypatch.setattr("zpm2.baselines.embeddings.create", lambda config, device, say, download: Plain())
+    it = encoder()
+    it.begin((IMAGE, IMAGE), (Plain(), Plain()))
+    with pytest.raises(ConfigError, match="segmenter 'mobile_sam' gives no embeddings, which this method needs"):
+        it.embed((QUARTERS, QUARTERS))

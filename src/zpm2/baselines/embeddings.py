@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from zpm2 import weights
 from zpm2.baselines.method import Array, Both, Shapes
 from zpm2.config import Config
+from zpm2.errors import ConfigError
 from zpm2.model import Image
 from zpm2.model.messages import Note
 from zpm2.polygons.rasterize import rasterize_stack
 from zpm2.runtime import resolve_device
 from zpm2.segment.protocol import EmbeddedView, PromptedSegmenter, Segmenter
+from zpm2.segment.registry import create
 
 FINE = 4  # samples along each side of a cell, by which its share inside a region is counted
 
@@ -22,7 +24,7 @@ class Encoder:
     """The embeddings of the two photographs of a pair, made when the first ones are asked for.
 
     They are those of the segmenter in use. One that has none (regions from a file, or of an earlier evaluation) is
-    helped out by the configured SAM, which is loaded for that; `notes` says so.
+    helped out by the configured one, which is loaded for that; `notes` says so.
     """
 
     def __init__(self, config: Config, say: Callable[[str], None], download: weights.Progress) -> None:
@@ -31,7 +33,7 @@ class Encoder:
         self._images: tuple[Image, ...] = ()
         self._segmenters: tuple[Segmenter, ...] = ()
         self._features: list[tuple[Array, float]] = []
-        self._own: PromptedSegmenter | None = None
+        self._own: Segmenter | None = None
 
     def begin(self, images: Both[Image], segmenters: Both[Segmenter]) -> None:
         """Turn to another pair."""
@@ -43,6 +45,7 @@ class Encoder:
 
         The vectors of all cells of both images have their common mean taken off, so that a cosine says how much two
         regions have in common beyond what the whole scene has, and an encoder's constant part does not count.
+        `ConfigError` where no segmenter gives embeddings.
         """
         if not self._features:
             views = [self._view(*side) for side in zip(self._images, self._segmenters, strict=True)]
@@ -58,15 +61,15 @@ class Encoder:
         view = segmenter.view(image) if isinstance(segmenter, PromptedSegmenter) else None
         if isinstance(view, EmbeddedView):
             return view
+        config = self.config.segment
         if self._own is None:
-            from zpm2.segment.sam import SamSegmenter
-
-            self._own = SamSegmenter(
-                self.config.segment, resolve_device(self.config.device), self.say, download=self.download
+            self._own = create(config, resolve_device(self.config.device), self.say, download=self.download)
+        view = self._own.view(image) if isinstance(self._own, PromptedSegmenter) else None
+        if not isinstance(view, EmbeddedView):
+            raise ConfigError(
+                f"segmenter '{config.model}' gives no embeddings, which this method needs: use mobile_sam"
             )
-        self.notes = [Note(f"regions embedded by {self.config.segment.model}: their own segmenter gives no embeddings")]
-        view = self._own.view(image)
-        assert isinstance(view, EmbeddedView)
+        self.notes = [Note(f"regions embedded by {config.model}: their own segmenter gives no embeddings")]
         return view
 
 
