@@ -52,13 +52,21 @@ def evaluate(
     regions: Annotated[
         Path | None, typer.Option(help="Take the polygons of the predictions in this folder instead of detecting them.")
     ] = None,
+    results: Annotated[
+        tuple[str, Path] | None,
+        typer.Option(
+            "--results",
+            metavar="FORMAT FOLDER",
+            help="Score another tool's area matches instead (docs/peers.md): areas, masa or sam2, and their folder.",
+        ),
+    ] = None,
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
     allowed: AllowVrt = None,
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
-    """Match every pair of a data set and score the matches.
+    """Match every pair of a data set and score the matches, or those that another tool wrote.
 
     Predictions are kept, a folder for each pair: a run that was interrupted goes on where it stopped, and --score-only
     scores them again without any model. Writes rows.csv, summary.json and summary.md.
@@ -70,20 +78,26 @@ def evaluate(
     allow_vrt(allowed)
     config = configure(preset, None, settings, max_memory=max_memory)
     evaluation = Evaluation(dataset, root, split, _options(option or []), limit, method, config, regions)
-    with fresh_folder(out, names=file_names(parquet), kept=PREDICTIONS):
-        rows = evaluation.run(
-            out,
-            score_only=score_only,
-            parquet=parquet,
-            title=f"{dataset}, {method}, preset {preset}",
-            made_by=shlex.join(["zpm2", *sys.argv[1:]]),
-            tell=lambda text: None if quiet else print(text, file=sys.stderr),
-        )
+    made_by = shlex.join(["zpm2", *sys.argv[1:]])
+
+    def tell(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr)
+
+    if results is not None:
+        if method != "zpm2" or regions is not None or score_only:
+            raise ConfigError("--results scores another tool's areas: leave out --method, --regions and --score-only")
+        with fresh_folder(out, results[1], names=report.names(parquet)):
+            rows = evaluation.score_results(*results, out, parquet=parquet, made_by=made_by, tell=tell)
+    else:
+        with fresh_folder(out, names=file_names(parquet), kept=PREDICTIONS):
+            title = f"{dataset}, {method}, preset {preset}"
+            rows = evaluation.run(out, score_only=score_only, parquet=parquet, title=title, made_by=made_by, tell=tell)
     warn(f"{values['pair']}: {values['status']}" for values in rows if values["status"] != "ok")
     if not quiet:
         total = {name: value for name, value in report.summary(rows).items() if value is not None}
         print(json.dumps(total, indent=1))
-        if published := evaluation.published(rows):
+        if results is None and (published := evaluation.published(rows)):
             print(published)
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 
