@@ -60,6 +60,12 @@ def evaluate(
             help="Score another tool's area matches instead (docs/peers.md): areas, masa or sam2, and their folder.",
         ),
     ] = None,
+    table: Annotated[
+        int | None,
+        typer.Option(
+            "--table", min=1, max=6, help="A table of the paper: every row that can be run, beside the published ones."
+        ),
+    ] = None,
     score_only: Annotated[bool, typer.Option("--score-only", help="Score the predictions that are there.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write rows.parquet too.")] = False,
     allowed: AllowVrt = None,
@@ -84,6 +90,17 @@ def evaluate(
         if not quiet:
             print(text, file=sys.stderr)
 
+    if table is not None:
+        if method != "zpm2" or regions is not None or score_only or results is not None or parquet:
+            raise ConfigError(
+                "--table runs the methods of that table: leave out --method, --regions, --results, --score-only and "
+                "--parquet"
+            )
+        from zpm2.evaluate import table_run
+
+        with fresh_folder(out, names=table_run.file_names(table)):
+            print(table_run.run_table(evaluation, table, out, tell))
+        return
     if results is not None:
         if method != "zpm2" or regions is not None or score_only:
             raise ConfigError("--results scores another tool's areas: leave out --method, --regions and --score-only")

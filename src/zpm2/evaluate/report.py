@@ -18,6 +18,7 @@ from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
+from zpm2.evaluate.tables import TABLES, here
 from zpm2.files.writing import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
@@ -152,7 +153,7 @@ def pose_table(rows: Sequence[Row]) -> str:
         for name, kind in (("zpm2", ""), ("zpm2, all points, no polygons", "_points"))
         if f"posed{kind}" in total
     ]
-    printed = [[*row, "published, not measured here"] for row in POSE]
+    printed = [[*row, f"published, not measured here; {here(TABLES[6], row.method)}"] for row in POSE]
     return table(["method", "AUC@5", "AUC@10", "AUC@20", "source"], [*printed, *ours])
 
 

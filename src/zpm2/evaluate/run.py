@@ -127,7 +127,7 @@ class Evaluation:
         predictions.PredictionSettings(
             self.dataset, self.split, self.method, self.config.to_dict(), source, code=made_by
         ).claim(out)
-        posed = _posed(self.config) if self.method == "zpm2" else lambda pair, result: None
+        posed = _posed(self.config) if api.finds_points(self.method) else lambda pair, result: None
         matcher = functools.partial(_matcher, self.method, self.config, kept)
         predictions.predict(pairs, matcher, out, tell, posed, self.regions)
 
