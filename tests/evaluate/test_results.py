@@ -164,6 +164,7 @@ def test_masa_tracks(tmp_path):
         ([frame((1, [0, 0, 5, 5], None)), frame()], '"scores" are not 1 numbers'),
         ([frame((1, [0, 0, 5, 5], 1), masks=[[[1]]]), frame()], "object 1: its mask is not 400 x 240 px"),
         ([frame((1, [0, 0, 5, 5], 1), masks=[1, 2]), frame()], '"masks" are not 1'),
+        ([frame((1, [0, 0, 5, 5], 1), masks=3), frame()], '"masks" are not 1'),
         ([{"track_id": 1}], 'box 0: "image_id" is no number'),
         ([{"track_id": 1, "image_id": 1, "score": 1, "bbox": [0, 0, 1, 1]}], "has boxes of one image only"),
     ],

@@ -1,4 +1,4 @@
-"""SGAM: Zhang and Zhao, Searching from Area to Point (arXiv 2305.00194): semantic, then geometric area matching."""
+"""SGAM: Zhang et al., Searching from Area to Point (arXiv 2305.00194): semantic, then geometric area matching."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,7 +27,7 @@ class Sgam(Checked):
     name: ClassVar[str] = "sgam"
     uses_points: ClassVar[bool] = True
     notes: ClassVar[tuple[str, ...]] = (
-        "sgam is our implementation of SGAM's area matching (Zhang and Zhao, arXiv 2305.00194) on our regions: areas "
+        "sgam is our implementation of SGAM's area matching (Zhang et al., arXiv 2305.00194) on our regions: areas "
         "are described by SAM's encoder inside and around them, as there are no semantic labels; inner point matches "
         "are those of the whole images, as no area is matched again by itself; areas of intersection and the "
         "collection of points outside areas are left out",

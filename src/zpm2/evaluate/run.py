@@ -95,17 +95,16 @@ class Evaluation:
         if parquet:
             report.require_parquet()
         pairs = self.pairs()
-        numbered = _numbered(tell, "scored", len(pairs))
+        told = _numbered(tell, "scored", len(pairs))
         rows = []
         for pair in pairs:
             rows.append(_row_of_results(chosen, home, pair, self.config))
-            numbered(pair.name)
-        if all(row["status"] == "missing" for row in rows):
+            if rows[-1]["status"] != "missing":
+                told(pair.name)
+        if pairs and all(row["status"] == "missing" for row in rows):
             raise InputError(
                 f"{home} holds no results of any of {len(pairs)} pairs: {chosen.name} are read from {chosen.where} in "
                 f"it, where NAME is that of the pair, as {pairs[0].name}"
-                if pairs
-                else f"{self.root} has no pairs"
             )
         shown = f"{self.dataset}, {results} in {home}" if title is None else title
         report.write(shown, rows, Path(out), made_by, parquet)

@@ -44,7 +44,7 @@ def _frame(frame: dict[str, Any], image: Image, file: Path) -> Frame:
     )
     scores = numbers(frame.get("scores"), (n,), f'{file}: "scores" are not {n} numbers')
     masks = frame.get("masks") or [None] * n
-    if len(masks) != n:
+    if not isinstance(masks, list) or len(masks) != n:
         raise InputError(f'{file}: "masks" are not {n}')
     found: Frame = {}
     for id, box, score, mask in zip(ids.astype(int).tolist(), boxes.tolist(), scores.tolist(), masks, strict=True):
