@@ -9,6 +9,13 @@ from rendered import Run
 from zpm2.cli import app, options
 from zpm2.cli.options import one_of
 
+
+def result_formats() -> Iterable[str]:
+    from zpm2.evaluate.results.registry import RESULTS
+
+    return RESULTS.names()
+
+
 REGISTRIES: dict[str, Callable[[], Iterable[str]]] = {
     "match --format": options.known_formats,
     "match --segmenter": options.segmenters,
@@ -18,6 +25,7 @@ REGISTRIES: dict[str, Callable[[], Iterable[str]]] = {
     "match --preset": options.presets,
     "match --device": options.devices,
     "pose --estimator": options.choices("pose.estimator"),
+    "eval --results": result_formats,
 }
 
 

@@ -93,9 +93,9 @@ def test_every_method_is_in_the_first_table():
 def test_what_there_is_of_a_published_row():
     assert here(TABLES[6], "SP + SGMNet") == "would need the matcher SGMNet and its weights"
     assert here(TABLES[6], "SiLK") == "would need the detector SiLK and its weights"
-    assert here(TABLES[6], "MESA + LoFTR") == "here as: MESA, our implementation, LoFTR"
-    assert here(TABLES[5], "w/o LoJoGM and pyramid") == "here as: zpm2 w/o both"
-    assert here(TABLES[1], "MESA, SceneFlow") == "here as: MESA, our implementation"
+    assert here(TABLES[6], "MESA + LoFTR") == "see: MESA, our implementation, LoFTR"
+    assert here(TABLES[5], "w/o LoJoGM and pyramid") == "see: zpm2 w/o both"
+    assert here(TABLES[1], "MESA, SceneFlow") == "see: MESA, our implementation"
     for number, table in TABLES.items():
         for row in table.printed:
             assert here(table, row[1]) != "published only", (number, row)

@@ -153,7 +153,7 @@ def pose_table(rows: Sequence[Row]) -> str:
         for name, kind in (("zpm2", ""), ("zpm2, all points, no polygons", "_points"))
         if f"posed{kind}" in total
     ]
-    printed = [[*row, f"published, not measured here; {here(TABLES[6], row.method)}"] for row in POSE]
+    printed = [[*row, f"published, not measured here (--table 6, {here(TABLES[6], row.method)})"] for row in POSE]
     return table(["method", "AUC@5", "AUC@10", "AUC@20", "source"], [*printed, *ours])
 
 

@@ -142,5 +142,5 @@ def here(table: Table, method: str) -> str:
     own = {line.stands_for: line.label for line in table.lines}
     names = [own[name] for name in (method, method.split(", ")[0]) if name in own]
     if names:
-        return f"here as: {names[0]}"
+        return f"see: {names[0]}"
     return f"would need {table.needs[method]}" if method in table.needs else "published only"
