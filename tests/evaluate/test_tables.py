@@ -13,6 +13,9 @@ from zpm2.errors import ConfigError, InputError, WeightsError
 from zpm2.evaluate import published, report, table_run
 from zpm2.evaluate.run import Evaluation
 from zpm2.evaluate.tables import TABLES, here
+from zpm2.files.writing import atomic_write, claim
+from zpm2.pipeline import PairMatcher
+from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 SUMMARY = {
     "matches": 31.5, "seconds": 12.25, "s_global": 0.75, "good": 77, "P": 0.911, "R": 0.822, "F1": 0.864,
@@ -135,3 +138,44 @@ def test_the_command_line(pair: Pair, runs, run: Run, tmp_path):
     assert code == 2
     assert "--table runs the methods of that table: leave out --method" in err
     assert run(*words[:-4], "--table", "9").code == 2
+
+
+def test_a_table_goes_on_where_it_stopped(pair: Pair, runs, run: Run, tmp_path, monkeypatch):
+    """What lines have left stays, and is no one else's."""
+
+    def leave(self, out, **_):
+        atomic_write(claim(Path(out), ["run.json"]) / "run.json", "{}")
+        runs.append((self, out))
+        if len(runs) == 2:
+            raise KeyboardInterrupt
+        return []
+
+    monkeypatch.setattr(Evaluation, "run", leave)
+    root = dataset(pair, tmp_path / "data")
+    words = ["eval", "pairs", "--root", root, "-o", tmp_path / "out", "--table", "5"]
+    assert run(*words).code == 130
+    assert (tmp_path / "out" / "zpm2" / "run.json").exists()
+    code, _, err = run(*words)
+    assert code == 0, err
+    assert (tmp_path / "out" / "zpm2" / "run.json").exists()
+    assert len(rows(tmp_path / "out")) == 8
+
+
+def test_real_lines_are_run_once(pair: Pair, run: Run, tmp_path, monkeypatch):
+    regions = PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions)
+    matched = []
+
+    def matcher(method, config, kept):
+        match = PairMatcher(config, segmenter=regions)
+        return lambda asked: matched.append(asked.name) or match(asked.left, asked.right)
+
+    monkeypatch.setattr("zpm2.evaluate.run._matcher", matcher)
+    words = ["eval", "pairs", "--root", dataset(pair, tmp_path / "data"), "-o", tmp_path / "out", "--table", "5"]
+    words += ["--preset", "paper", "--set", "points.methods=sift", "--set", "device=cpu"]
+    first, again = run(*words), run(*words)
+    assert (first.code, again.code) == (0, 0), first.err + again.err
+    assert matched == ["a/good"] * 4
+    assert first.out == again.out
+    ours, *others = (row for row in rows(tmp_path / "out") if row["source"] == "measured, 1 of 1 pairs")
+    assert ours["P"] > 90
+    assert all(row["ACR"] is not None for row in others)

@@ -12,6 +12,7 @@ from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.evaluate import report
 from zpm2.evaluate.run import Evaluation
 from zpm2.evaluate.tables import TABLES, Line, Table, here
+from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write, claim
 
 NAMES = {"sceneflow": "SceneFlow", "kitti": "KITTI", "scannet": "ScanNet"}  # how the paper's rows call data sets
@@ -65,6 +66,7 @@ def _measured(evaluation: Evaluation, line: Line, out: Path, tell: Callable[[str
             regions=out / _folder(line.regions) if line.regions else evaluation.regions,
         )
         home = out / _folder(line.label)
+        make_folder(home)
         rows = changed.run(home, title=line.label, tell=lambda text: tell(f"{line.label}: {text}"))
     except Zpm2Error as error:
         tell(f"{line.label}: {error}")
