@@ -54,6 +54,9 @@ def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
+    (tmp_path / "theirs").mkdir()
+    theirs = {"schema": "zpm2-area-matches/1", "matches": []}
+    (tmp_path / "theirs" / "demo.json").write_text(json.dumps(theirs))
     for name, side in (("epoch1", "left"), ("epoch2", "right")):
         georeferenced(tmp_path / f"{name}.tif", np.asarray(PIL.Image.open(getattr(pair, side))))
     shutil.copytree(photographs, tmp_path / "photos")

@@ -31,6 +31,7 @@ PATHS: dict[str, Callable[[str, Path], list[object]]] = {
     "photographs": lambda path, base: ["reconstruct", path, base / "b.png"],
     "known cameras": lambda path, base: ["reconstruct", base / "workspace", "--cameras", path],
     "root": lambda path, base: ["eval", "pairs", "--root", path],
+    "results": lambda path, base: ["eval", "isprs", "--root", base / "workspace", "--results", "areas", path],
     "kept regions": lambda path, base: ["eval", "isprs", "--root", base / "workspace", "--regions", path],
 }
 FOLDERS: dict[str, Callable[[str, Path], list[object]]] = {  # which may be there, or not yet

@@ -179,6 +179,11 @@ def check_method(name: str) -> None:
         raise ConfigError(f"unknown method '{name}'{did_you_mean(name, METHODS)}; methods are: {', '.join(METHODS)}")
 
 
+def finds_points(method: str) -> bool:
+    """Whether the results of a method (`METHODS`) have homologous points, from which a pose can be found."""
+    return method == "zpm2" or baselines.METHODS[method].uses_points
+
+
 def open_method(
     name: str,
     config: Config,

@@ -9,6 +9,13 @@ from rendered import Run
 from zpm2.cli import app, options
 from zpm2.cli.options import one_of
 
+
+def result_formats() -> Iterable[str]:
+    from zpm2.evaluate.results.registry import RESULTS
+
+    return RESULTS.names()
+
+
 REGISTRIES: dict[str, Callable[[], Iterable[str]]] = {
     "match --format": options.known_formats,
     "match --segmenter": options.segmenters,
@@ -18,6 +25,7 @@ REGISTRIES: dict[str, Callable[[], Iterable[str]]] = {
     "match --preset": options.presets,
     "match --device": options.devices,
     "pose --estimator": options.choices("pose.estimator"),
+    "eval --results": result_formats,
 }
 
 
@@ -43,7 +51,7 @@ def test_what_is_completed_is_what_the_package_takes() -> None:
     from zpm2.segment.registry import SEGMENTERS
 
     assert tuple(SEGMENTERS) == ("mobile_sam", "vit_b", "vit_l", "vit_h")
-    assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc")
+    assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc", "vote", "masa", "sgam", "mesa")
     assert tuple(options.segmenters()) == (*SEGMENTERS, "precomputed") == api.segmenters()
     assert tuple(options.point_matchers()) == tuple(features.METHODS)
     assert tuple(options.known_formats()) == tuple(registry.names())

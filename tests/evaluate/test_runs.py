@@ -252,6 +252,22 @@ def test_poses_are_predicted_and_scored_beside_plain_points(pair: Pair, posed: P
     assert lines[-1].startswith("| zpm2, all points, no polygons |")
 
 
+def test_another_method_with_points_has_a_pose_too(pair: Pair, posed: Path) -> None:
+    from zpm2 import api
+    from zpm2.baselines import BaselineMatcher
+    from zpm2.evaluate.pose_error import pose_error
+    from zpm2.pose import PoseFinder
+
+    (asked,) = open_dataset("scannet1500", posed).pairs()
+    regions = (PrecomputedSegmenter(pair.left_regions), PrecomputedSegmenter(pair.right_regions))
+    result = BaselineMatcher("mesa", SIFT, segmenter=regions)(asked.left, asked.right)
+    found = PoseFinder(assign(SIFT, ["pose.crops=off"]))(result, report.cameras_of(result, asked.truth)).pose
+    errors = pose_error(found.rotation, found.translation, asked.truth.pose)
+    assert errors[0] < 1
+    assert errors[1] < 5
+    assert [api.finds_points(method) for method in ("zpm2", "mesa", "masa", "idsc")] == [True, True, False, False]
+
+
 def test_all_points_means_all() -> None:
     """Beside polygons stands what the points give without them: none filtered, none from crops, none left out."""
     plain = report.without_polygons(preset("default")).pose

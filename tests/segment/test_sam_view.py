@@ -8,6 +8,7 @@ from rendered import Pair
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.protocol import EmbeddedView
 from zpm2.segment.sam import SamSegmenter, SamView, decoded_size
 
 pytestmark = pytest.mark.weights
@@ -41,6 +42,16 @@ def same(first: MaskPredictions, second: MaskPredictions) -> bool:
 def test_a_point_has_three_masks_and_a_box_four(view: SamView, points: np.ndarray) -> None:
     assert np.bincount(view.predict(Prompts.at(points), EVERYTHING).prompt).max() == 3
     assert np.bincount(view.predict(boxed(points), EVERYTHING).prompt).max() == 4
+
+
+def test_the_embedding_is_that_of_the_photograph_alone(view: SamView) -> None:
+    cells = view.embedding()
+    height, width = (-(-side // 4) for side in decoded_size(view.image))
+    assert cells.shape == (256, height, width)
+    assert isinstance(view, EmbeddedView)
+    assert view.embedding_scale * max(view.image.width, view.image.height) == pytest.approx(64)
+    tokens = view.backend.tokens(view.parts)
+    assert np.array_equal(cells[:, 3, 5], tokens[3 * 64 + 5])
 
 
 def test_the_floor_holds(view: SamView, points: np.ndarray) -> None:

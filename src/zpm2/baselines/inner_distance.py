@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import shortest_path
 
 from zpm2.baselines.contour import outline, sample, tangents
 from zpm2.baselines.histograms import Costs, Counts, check_bins, log_polar
+from zpm2.baselines.outlines import OutlineMethod
 from zpm2.errors import ConfigError
 from zpm2.model import Polygon
 
@@ -20,7 +21,7 @@ PAIRS_AT_ONCE = 64  # aligned together, so that their costs fit into the process
 
 
 @dataclass(frozen=True)
-class InnerDistance:
+class InnerDistance(OutlineMethod):
     """Outlines as log-polar histograms of inner distances and inner angles; distance = mean cost along the outlines.
 
     Samples are matched in their order along both outlines by dynamic programming, from `starts` places of the second

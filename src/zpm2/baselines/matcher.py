@@ -1,69 +1,56 @@
-"""Classical shape matching as a method of its own: every left polygon against every right one, by outline alone."""
+"""Other methods on the regions that zpm2 itself would match, so that only the matching differs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from zpm2 import config as configuration
 from zpm2 import estimate, memory
-from zpm2.baselines.histograms import Costs, Counts, compare
+from zpm2.baselines.embeddings import Encoder
 from zpm2.baselines.inner_distance import InnerDistance
+from zpm2.baselines.masa import Masa
+from zpm2.baselines.mesa import Mesa
+from zpm2.baselines.method import Method, Pairing, RegionPair
+from zpm2.baselines.sgam import Sgam
 from zpm2.baselines.shape_context import ShapeContext
+from zpm2.baselines.vote import Vote
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
+from zpm2.features import PointMatcher, check_methods
+from zpm2.global_match import Candidates, initial_geometry, points_with_data
 from zpm2.guided.regions import RegionFinder, no_matches
-from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
-from zpm2.model.messages import split
+from zpm2.local_match.shared_points import lookup
+from zpm2.model import Image, PointMatches, PolygonMatch
+from zpm2.model.messages import Note, split
 from zpm2.photos.source import ImageLike, opened
 from zpm2.result import MatchResult
-from zpm2.runtime import Progress, StageTimer
+from zpm2.runtime import Progress, StageTimer, resolve_device
 from zpm2.segment.protocol import Segmenter
 from zpm2.tiled.whole import in_tiles, match_whole
 
 NOT_ESTIMATED = Failed("not estimated by this method")
-
-
-class ShapeMethod(Protocol):
-    """How outlines are described and how two descriptions are compared."""
-
-    name: ClassVar[str]
-
-    @property
-    def limit(self) -> float:
-        """Distance from which a pair stays unmatched."""
-        ...
-
-    def describe(self, polygons: Sequence[Polygon]) -> Counts:
-        """(p, n, b) histograms of each polygon's n samples."""
-        ...
-
-    def align(self, costs: Costs) -> NDArray[np.float64]:
-        """(c,) distances 0..1 of c pairs from the (c, n, n) chi-square costs of their samples."""
-        ...
-
-
-METHODS: dict[str, ShapeMethod] = {"shape-context": ShapeContext(), "idsc": InnerDistance()}
+METHODS: dict[str, Method] = {
+    method.name: method for method in (ShapeContext(), InnerDistance(), Vote(), Masa(), Sgam(), Mesa())
+}
 
 
 class BaselineMatcher:
-    """Matches the polygons of image pairs by shape alone, as the paper's classical baselines do.
+    """Matches the polygons of image pairs by another method than ours.
 
         result = BaselineMatcher("shape-context")("left.png", "right.png")
 
-    `method` is a name of `METHODS`, or a `ShapeContext` or `InnerDistance` with settings of its own. The polygons are
-    those that `PairMatcher` finds with the same `config` and `segmenter`; points and geometry are not estimated.
+    `method` is a name of `METHODS`, or an object with settings of its own, as `Vote(min_points=5)`. The polygons are
+    those that `PairMatcher` finds with the same `config` and `segmenter`, before its last look for polygons without a
+    partner; a method that uses points gets those of `config`, or of `points`, and has the right image's regions guided
+    by them as ours. One that uses no points gets each image segmented alone. No geometry is estimated.
     """
 
     def __init__(
         self,
-        method: str | ShapeMethod,
+        method: str | Method,
         config: Config | str = "default",
         *,
         segmenter: Segmenter | tuple[Segmenter, Segmenter] | None = None,
+        points: PointMatcher | None = None,
         progress: Progress = lambda stage, share: None,
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
@@ -71,15 +58,19 @@ class BaselineMatcher:
             raise ConfigError(f"unknown baseline '{method}'; baselines are: {', '.join(METHODS)}")
         self.method = METHODS[method] if isinstance(method, str) else method
         self.config = configuration.as_config(config)
+        if points is None and self.method.uses_points:
+            check_methods(self.config.points)
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
+        self._encoder = Encoder(self.config, say, self._regions.download)
+        self._points = points
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs and errors are those of `Matcher`. Large pairs are matched as a whole, too, with a
         warning where the configuration wants tiles.
 
-        A match's `cost` is the distance of the two shapes. Its `confidence`, 1 - cost / limit, ranks the matches
-        of one method; it is no probability.
+        A match's `cost` is the method's own, the smaller the better. Its `confidence` ranks the matches of one method;
+        it is no probability.
         """
         limit = memory.within(self.config.max_memory)
         with self._regions.lock, limit, opened(left, right, self.config.raster) as sources:
@@ -93,33 +84,28 @@ class BaselineMatcher:
             return result
 
     def _match(self, left: Image, right: Image) -> MatchResult:
-        method, timer = self.method, StageTimer(self.progress)
+        method, images, timer = self.method, (left, right), StageTimer(self.progress)
         with timer("load"):
-            self._regions.load()
+            matcher = self._load_points() if method.uses_points else None
+            segmenters = self._regions.load()
+        points, initial = PointMatches.empty(), None
+        if matcher is not None:
+            with timer("points"):
+                points = points_with_data(matcher.match(left, right), images)
+                initial = initial_geometry(points, self.config.global_match, self.config.seed)
         with timer("detect"):
-            found = self._regions.detect((left, right))
-            sides, _ = found.sides((), self.config.vectorize)
-        with timer("describe"):
-            shapes = method.describe(sides[0].polygons), method.describe(sides[1].polygons)
-        with timer("compare"):
-            distance = compare(*shapes, method.align, lambda share: self.progress("compare", share))
-            matches = [
-                PolygonMatch(
-                    left=sides[0].polygons[i].id,
-                    right=sides[1].polygons[j].id,
-                    confidence=float(1 - distance[i, j] / method.limit),
-                    cost=float(distance[i, j]),
-                    dsf=0,
-                    stage="global",
-                )
-                for i, j in one_to_one(distance, method.limit)
-            ]
-        warnings, notes = split([*found.messages, *no_matches(matches)])
+            found = self._regions.detect(images, initial)
+        self._encoder.begin(images, segmenters)
+        pair = RegionPair(images, found.polygons, points, self._encoder.embed, self.config.seed)
+        pairing = method.match(pair, timer)
+        sides, matches = found.sides(_matches(pair, pairing), self.config.vectorize)
+        messages = [*found.messages, *map(Note, method.notes), *self._encoder.notes, *no_matches(matches)]
+        warnings, notes = split(messages)
         return MatchResult(
             left=sides[0],
             right=sides[1],
             matches=sorted(matches, key=lambda match: match.left),
-            points=PointMatches.empty(),
+            points=points,
             fundamental=NOT_ESTIMATED,
             homography=NOT_ESTIMATED,
             config={**self.config.to_dict(), "baseline": {"method": method.name, **vars(method)}},
@@ -128,13 +114,27 @@ class BaselineMatcher:
             notes=notes,
         )
 
+    def _load_points(self) -> PointMatcher:
+        if self._points is None:
+            from zpm2 import features
 
-def one_to_one(distance: NDArray[np.float64], limit: float) -> NDArray[np.int64]:
-    """(k, 2) rows and columns of a (p, q) matrix that are matched, each at most once: the optimal assignment.
+            device = resolve_device(self.config.device)
+            self._points = features.create(self.config.points, device, progress=self._regions.download)
+        return self._points
 
-    Its cost is the sum of the matched distances plus `limit` for each row or column of the smaller side that stays
-    unmatched. A pair as far apart as `limit` is never matched.
-    """
-    rows, columns = linear_sum_assignment(np.minimum(distance, limit))
-    pairs = np.c_[rows, columns].astype(np.int64)
-    return np.asarray(pairs[distance[rows, columns] < limit])
+
+def _matches(pair: RegionPair, pairing: Pairing) -> list[PolygonMatch]:
+    """The matches by the ids of their polygons."""
+    shared = pair.shared
+    dsf = lookup(shared.counts, shared.pairs, Candidates(pairing.rows[:, 0], pairing.rows[:, 1]))
+    return [
+        PolygonMatch(
+            left=int(pair.polygons[0].ids[i]),
+            right=int(pair.polygons[1].ids[j]),
+            confidence=float(confidence),
+            cost=float(cost),
+            dsf=max(int(points), 0),
+            stage="global",
+        )
+        for (i, j), cost, confidence, points in zip(pairing.rows, pairing.cost, pairing.confidence, dsf, strict=True)
+    ]

@@ -10,11 +10,12 @@ from scipy.optimize import linear_sum_assignment
 
 from zpm2.baselines.contour import outline, sample, tangents
 from zpm2.baselines.histograms import Costs, Counts, check_bins, log_polar
+from zpm2.baselines.outlines import OutlineMethod
 from zpm2.model import Polygon
 
 
 @dataclass(frozen=True)
-class ShapeContext:
+class ShapeContext(OutlineMethod):
     """Outlines as log-polar histograms of their samples; distance = mean chi-square cost of the best assignment.
 
     Invariant to translation and scale; to rotation only with `rotated`, where angles count from the outline's tangent.

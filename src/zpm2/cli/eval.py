@@ -69,6 +69,25 @@ def evaluate(
             rich_help_panel=METHOD,
         ),
     ] = None,
+    results: Annotated[
+        tuple[str, Path] | None,
+        typer.Option(
+            "--results",
+            metavar="FORMAT FOLDER",
+            help="Score another tool's area matches instead (docs/peers.md): areas, masa or sam2, and their folder.",
+            rich_help_panel=METHOD,
+        ),
+    ] = None,
+    table: Annotated[
+        int | None,
+        typer.Option(
+            "--table",
+            min=1,
+            max=6,
+            help="A table of the paper: every row that can be run, beside the published ones.",
+            rich_help_panel=METHOD,
+        ),
+    ] = None,
     score_only: Annotated[
         bool,
         typer.Option("--score-only", help="Match nothing; score the predictions again.", rich_help_panel=RESULT),
@@ -80,7 +99,7 @@ def evaluate(
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
-    """Match every pair of a data set and score the matches.
+    """Match every pair of a data set and score the matches, or those that another tool wrote.
 
     Writes rows.csv, summary.json, summary.md and the prediction of each pair. If a run was interrupted, start the same
     command again: it continues where it stopped. --score-only scores the predictions again and needs no weights.
@@ -92,19 +111,36 @@ def evaluate(
     allow_vrt(allowed)
     config = configure(preset, None, settings, max_memory=max_memory)
     evaluation = Evaluation(dataset, root, split, _options(option or []), limit, method, config, regions)
-    with fresh_folder(out, names=file_names(parquet), kept=PREDICTIONS):
-        rows = evaluation.run(
-            out,
-            score_only=score_only,
-            parquet=parquet,
-            title=f"{dataset}, {method}, preset {preset}",
-            made_by=shlex.join(["zpm2", *sys.argv[1:]]),
-            tell=lambda text: None if quiet else print(text, file=sys.stderr),
-        )
+    made_by = shlex.join(["zpm2", *sys.argv[1:]])
+
+    def tell(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr)
+
+    if table is not None:
+        if method != "zpm2" or regions is not None or score_only or results is not None or parquet:
+            raise ConfigError(
+                "--table runs the methods of that table: leave out --method, --regions, --results, --score-only and "
+                "--parquet"
+            )
+        from zpm2.evaluate import table_run
+
+        with fresh_folder(out, names=table_run.file_names(table)):
+            print(table_run.run_table(evaluation, table, out, tell))
+        return
+    if results is not None:
+        if method != "zpm2" or regions is not None or score_only:
+            raise ConfigError("--results scores another tool's areas: leave out --method, --regions and --score-only")
+        with fresh_folder(out, results[1], names=report.names(parquet)):
+            rows = evaluation.score_results(*results, out, parquet=parquet, made_by=made_by, tell=tell)
+    else:
+        with fresh_folder(out, names=file_names(parquet), kept=PREDICTIONS):
+            title = f"{dataset}, {method}, preset {preset}"
+            rows = evaluation.run(out, score_only=score_only, parquet=parquet, title=title, made_by=made_by, tell=tell)
     warn(f"{values['pair']}: {values['status']}" for values in rows if values["status"] != "ok")
     if not quiet:
         print(json.dumps(report.known(report.summary(rows)), indent=1))
-        if published := evaluation.published(rows):
+        if results is None and (published := evaluation.published(rows)):
             print(published)
         print(f"Written: {out / 'summary.md'}, {out / 'rows.csv'}")
 

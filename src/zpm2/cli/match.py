@@ -237,7 +237,7 @@ def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
         "read": f"{result.left.width} x {result.left.height} and {result.right.width} x {result.right.height} px",
         "detect": f"{len(result.left.polygons)} and {len(result.right.polygons)} polygons",
         "points": f"{len(result.points)} homologous points",
-        "match" if "match" in result.timings else "local": (
+        next((stage for stage in ("match", "local") if stage in result.timings), list(result.timings)[-1]): (
             f"{len(result.matches)} matches ({by_stage}), mean confidence {summary['mean_confidence']:.2f}"
         ),
     }

@@ -187,7 +187,7 @@ Preset = Annotated[
 Method = Annotated[
     str,
     typer.Option(
-        help="zpm2, or a classical baseline: shape-context, idsc.",
+        help="zpm2, or another one on the same regions: shape-context, idsc, vote, masa, sgam, mesa.",
         rich_help_panel=METHOD,
         autocompletion=one_of(methods),
     ),

@@ -17,6 +17,7 @@ from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth, Truth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
+from zpm2.evaluate.tables import TABLES, here
 from zpm2.files.writing import atomic_write, claim
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
@@ -42,13 +43,31 @@ def row(pair: EvalPair, out: Path) -> Row:
     result = predictions.load(pair, out)
     if not isinstance(result, MatchResult):
         return {"pair": pair.name, "status": result or "missing"}
-    values: Row = {"pair": pair.name, "status": "ok"}
-    values |= {"left": len(result.left.polygons), "right": len(result.right.polygons)}
-    values |= {"matches": len(result.matches), "points": len(result.points)}
-    values |= {f"s_{stage}": seconds for stage, seconds in result.timings.items()}
+    values = _counts(pair, result)
     values |= {"seconds": sum(result.timings.values()), "peak_mb": predictions.memory(pair, out)}
     if isinstance(pair.truth, PoseTruth):
         values |= _pose(result, predictions.load_pose(pair, out), pair.truth)
+    return _with_dense(values, result, pair)
+
+
+def row_of_areas(pair: EvalPair, result: MatchResult) -> Row:
+    """The figures of another tool's areas: those of `row` that need dense truth. Seconds are the tool's own, where it
+    says them."""
+    values = _counts(pair, result)
+    values |= {"seconds": sum(result.timings.values()) if result.timings else None, "peak_mb": None}
+    if pair.truth is None or type(pair.truth) is PoseTruth:
+        values["status"] = "no truth: areas are judged by disparity, depth or a homography, which this pair has not"
+    return _with_dense(values, result, pair)
+
+
+def _counts(pair: EvalPair, result: MatchResult) -> Row:
+    values: Row = {"pair": pair.name, "status": "ok"}
+    values |= {"left": len(result.left.polygons), "right": len(result.right.polygons)}
+    values |= {"matches": len(result.matches), "points": len(result.points)}
+    return values | {f"s_{stage}": seconds for stage, seconds in result.timings.items()}
+
+
+def _with_dense(values: Row, result: MatchResult, pair: EvalPair) -> Row:
     if pair.truth is not None and type(pair.truth) is not PoseTruth:
         try:
             values |= _dense(result, pair.truth)
@@ -140,7 +159,9 @@ def pose_table(rows: Sequence[Row]) -> str:
         for name, kind in (("zpm2", ""), ("zpm2, all points, no polygons", "_points"))
         if f"posed{kind}" in total
     ]
-    printed: list[list[Cell]] = [[*row, "published, not measured here"] for row in POSE]
+    printed: list[list[Cell]] = [
+        [*row, f"published, not measured here (--table 6, {here(TABLES[6], row.method)})"] for row in POSE
+    ]
     return table(["method", "AUC@5", "AUC@10", "AUC@20", "source"], [*printed, *ours])
 
 

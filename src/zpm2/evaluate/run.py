@@ -14,7 +14,10 @@ from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.predicted_regions import PredictedRegions
 from zpm2.evaluate.report import Row
+from zpm2.evaluate.results.areas import as_result, sized_pair
+from zpm2.evaluate.results.registry import RESULTS, ResultFormat
 from zpm2.files.keys import code
+from zpm2.photos.source import open_source
 from zpm2.pipeline import plugin_code
 from zpm2.pose import PoseFinder, PoseResult
 from zpm2.result import MatchResult
@@ -68,6 +71,44 @@ class Evaluation:
         report.write(shown, rows, folder, made_by, parquet, self.published(rows))
         return rows
 
+    def score_results(
+        self,
+        results: str,
+        folder: str | Path,
+        out: str | Path,
+        *,
+        parquet: bool = False,
+        title: str | None = None,
+        made_by: str = "",
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> list[Row]:
+        """Score the area matches that another tool wrote into `folder` in the format `results` (`results.registry`), as
+        they are; nothing is matched. `out` gets the tables of `report.write`, whose rows are returned.
+
+        A pair without results, or with some that cannot be used, is a row that says so. `InputError` where there are
+        none at all.
+        """
+        chosen, home = RESULTS.get(results), Path(folder)
+        if not home.is_dir():
+            raise InputError(f"{home} is no folder: give the one with the results of the pairs")
+        if parquet:
+            report.require_parquet()
+        pairs = self.pairs()
+        told = _numbered(tell, "scored", len(pairs))
+        rows = []
+        for pair in pairs:
+            rows.append(_row_of_results(chosen, home, pair, self.config))
+            if rows[-1]["status"] != "missing":
+                told(pair.name)
+        if pairs and all(row["status"] == "missing" for row in rows):
+            raise InputError(
+                f"{home} holds no results of any of {len(pairs)} pairs: {chosen.name} are read from {chosen.where} in "
+                f"it, where NAME is that of the pair, as {pairs[0].name}"
+            )
+        shown = f"{self.dataset}, {results} in {home}" if title is None else title
+        report.write(shown, rows, Path(out), made_by, parquet)
+        return rows
+
     def pairs(self) -> list[EvalPair]:
         """The pairs that are evaluated."""
         listed = open_dataset(self.dataset, self.root, self.split, **self.options).pairs()
@@ -84,7 +125,7 @@ class Evaluation:
         predictions.PredictionSettings(
             self.dataset, self.split, self.method, self.config.to_dict(), source, code=made_by
         ).claim(out)
-        posed = _posed(self.config) if self.method == "zpm2" else lambda pair, result: None
+        posed = _posed(self.config) if api.finds_points(self.method) else lambda pair, result: None
         matcher = functools.partial(_matcher, self.method, self.config, kept)
         predictions.predict(pairs, matcher, out, tell, posed, self.regions)
 
@@ -92,6 +133,26 @@ class Evaluation:
 def file_names(parquet: bool = False) -> list[str]:
     """The names of the files and folders that `Evaluation.run` may write."""
     return [predictions.RUN, predictions.PREDICTIONS, *report.names(parquet)]
+
+
+def _row_of_results(chosen: ResultFormat, home: Path, pair: EvalPair, config: Config) -> Row:
+    try:
+        sizes = _size(pair.left, config), _size(pair.right, config)
+        found = chosen.read(home, sized_pair(pair.name, sizes))
+        if found is None:
+            return {"pair": pair.name, "status": "missing"}
+        return report.row_of_areas(pair, as_result(found, sizes))
+    except InputError as error:
+        return {"pair": pair.name, "status": str(error)}
+
+
+def _size(photograph: Path, config: Config) -> tuple[int, int]:
+    """(width, height) px."""
+    source = open_source(photograph, "photograph", config.raster)
+    try:
+        return source.width, source.height
+    finally:
+        source.close()
 
 
 def _matcher(method: str, config: Config, kept: PredictedRegions | None) -> predictions.MatchPair:

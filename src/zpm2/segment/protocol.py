@@ -1,7 +1,7 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
+(`PromptedSegmenter`; the view may be an `EmbeddedView`), `notes` (`HasNotes`), `path` (`FromFile`).
 """
 
 from collections.abc import Sequence
@@ -72,6 +72,18 @@ class PromptedView(Protocol):
 
     def masks(self, predictions: MaskPredictions) -> list[Mask]:
         """Each mask at the image's resolution."""
+        ...
+
+
+@runtime_checkable
+class EmbeddedView(Protocol):
+    """A `PromptedView` that shows what its encoder made of the photograph."""
+
+    embedding_scale: float  # cells of the embedding per image px
+
+    def embedding(self) -> NDArray[np.float32]:
+        """(c, h, w) one vector for each cell; the photograph alone, without padding. Vectors may be off by one common
+        vector: compare their differences."""
         ...
 
 

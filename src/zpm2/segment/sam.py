@@ -19,7 +19,7 @@ from zpm2.polygons.rasterize import rasterize_stack
 from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, suppression
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam_backend import SamBackend, open_backend
+from zpm2.segment.sam_backend import TOKEN_PX, SamBackend, open_backend
 
 ENCODER_SIDE = 1024  # px, the square that the image encoder sees
 AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
@@ -72,7 +72,8 @@ class SamSegmenter:
 
 
 class SamView:
-    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView`."""
+    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and
+    `EmbeddedView`."""
 
     def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
         if thin(image.width, image.height):
@@ -84,6 +85,7 @@ class SamView:
         self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
         self.scale = ENCODER_SIDE / max(image.width, image.height)  # px of the square per image px
         self.mask_scale = self.scale * MASK_SIDE / ENCODER_SIDE  # px of a decoded mask per image px
+        self.embedding_scale = self.mask_scale / TOKEN_PX
         self.size = decoded_size(image)
         with NETWORK_LOCK:
             self.parts = backend.image(encoder_input(image, self.scale))
@@ -117,6 +119,12 @@ class SamView:
         keep = (stability >= thresholds.stability) & (inner > 0)
         prompt = start + rows[np.nonzero(good)[0][keep]]
         return MaskPredictions(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
+
+    def embedding(self) -> NDArray[np.float32]:
+        """(256, h, w) the encoder's image tokens, without those of the padding."""
+        grid = MASK_SIDE // TOKEN_PX
+        height, width = (-(-side // TOKEN_PX) for side in self.size)
+        return self.backend.tokens(self.parts).reshape(grid, grid, -1)[:height, :width].transpose(2, 0, 1)
 
     def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
         """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask inside each."""

@@ -29,7 +29,8 @@ TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 
 
 class SamBackend(Protocol):
-    """The three networks of `sam_network`, arrays in and arrays out. Only `prompt` reads what `image` returns."""
+    """The three networks of `sam_network`, arrays in and arrays out. Only `prompt` and `tokens` read what `image`
+    returns."""
 
     name: str
     batch: int  # prompts at a time, at most; each takes 4 MB of image tokens
@@ -39,6 +40,9 @@ class SamBackend(Protocol):
 
     def image(self, pixels: Array) -> Any:
         """(1, 3, 1024, 1024) -> the parts that do not depend on the prompt."""
+
+    def tokens(self, parts: Any) -> Array:
+        """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
     def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
         """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
@@ -100,6 +104,9 @@ class TorchBackend:
         with self.torch.inference_mode():
             return self.networks[0](self._to(pixels))
 
+    def tokens(self, parts: Any) -> Array:
+        return np.asarray(parts[0].cpu().numpy())
+
     def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
         with self.torch.inference_mode():
             iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
@@ -142,6 +149,9 @@ class OpenVinoBackend:
 
     def image(self, pixels: Array) -> Any:
         return [part.copy() for part in self._run(self.image_network, [pixels])]
+
+    def tokens(self, parts: Any) -> Array:
+        return np.asarray(parts[0])
 
     @staticmethod
     def _run(network: Any, inputs: list[Array]) -> list[Array]:
