@@ -54,8 +54,8 @@ def registry_settings(project: str) -> tuple[str, str | None]:
 
     `SourceError` where nobody says which registry it is.
     """
-    scope = f"{project.partition('/')[0]}:registry" if project.startswith("@") else "registry"
-    values = _npm_settings([scope, "registry", "cafile"])
+    scope = f"{project.partition('/')[0]}:registry"  # "@scope:registry"; no such setting for a package without scope
+    values = _npm_settings([*([scope] if project.startswith("@") else []), "registry", "cafile"])
     named = {name.lower(): value for name, value in os.environ.items() if value}
     registry = values.get(scope) or named.get("npm_config_registry") or values.get("registry")
     if registry is None:
