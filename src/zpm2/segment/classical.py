@@ -108,7 +108,7 @@ class TreeView(MaskView):
         """(height, width) the share of each pixel that lies inside, from -LOGIT to LOGIT."""
         if node not in self._known:
             box = self.tree.box[node]
-            x0, y0, x1, y1 = *(box[:2] // FINE), *(-(-box[2:] // FINE))
+            (x0, y0), (x1, y1) = box[:2] // FINE, -(-box[2:] // FINE)
             part = np.s_[FINE * y0 : FINE * y1, FINE * x0 : FINE * x1]
             inside = self.tree.bits(node, part).reshape(y1 - y0, FINE, x1 - x0, FINE).mean((1, 3))
             logits = np.full(self.size, -LOGIT, np.float16)
