@@ -4,7 +4,7 @@ SAM 2 and its relatives run like this, each with one file in `methods`. (`sam` i
 own for speed.) A network says how it wants to see a photograph (`Sight`); all else is here.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -112,34 +112,25 @@ class NetworkView(MaskView):
 
 
 class NetworkSegmenter:
-    """A `MaskNetwork` behind the `PromptedSegmenter` protocol, which loads it on first use and keeps it.
+    """A `MaskNetwork` behind the `PromptedSegmenter` protocol.
 
-    `open_network` returns it and what the user should know about how it runs. `progress` receives the share of an
-    image's prompts that is done, 0..1.
+    `notes` tell the user how it runs. `progress` receives the share of an image's prompts that is done, 0..1.
     """
 
     def __init__(
         self,
         name: str,
         config: SegmentConfig,
-        open_network: Callable[[], tuple[MaskNetwork, list[str]]],
-        progress: Callable[[float], None] = lambda _: None,
+        network: MaskNetwork,
+        notes: Sequence[str] = (),
+        progress: Callable[[float], None] = lambda share: None,
     ) -> None:
-        self.name, self.config, self.progress = name, config, progress
-        self.notes: list[str] = []
-        self._open = open_network
-        self._network: MaskNetwork | None = None
-
-    def load(self) -> MaskNetwork:
-        """The network, loaded at the first call."""
-        with NETWORK_LOCK:
-            if self._network is None:
-                self._network, self.notes = self._open()
-            return self._network
+        self.name, self.config, self.network = name, config, network
+        self.notes, self.progress = list(notes), progress
 
     def view(self, image: Image) -> NetworkView:
         """The photograph, encoded."""
-        return NetworkView(self.load(), image, self.config)
+        return NetworkView(self.network, image, self.config)
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, best score first."""
