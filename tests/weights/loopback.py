@@ -32,6 +32,7 @@ class Server:
     cut: str | None = None  # a path whose body breaks off half-way
     asked: list[str] = field(default_factory=list)  # "METHOD path", in order
     sent: int = 0  # bytes of bodies
+    heads: dict[str, str] = field(default_factory=dict)  # more of each answer's head
     kind: str = "text/html"  # the type that it says of every body
     login: str | None = None  # user:password, without which it answers 401
 
@@ -109,6 +110,8 @@ def serve() -> Iterator[Server]:
                 self.send_response(200)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Content-Type", state.kind)
+            for name, value in state.heads.items():
+                self.send_header(name, value)
             self.end_headers()
             if state.cut == self.path:
                 body = body[: len(body) // 2]

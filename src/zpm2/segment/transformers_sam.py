@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import MissingDependency, WeightsError
+from zpm2.model.messages import Note
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, Sight
 from zpm2.segment.predictions import INSIDE
@@ -180,11 +181,18 @@ class TransformersSam:
 
         path = weights.get(name, progress=download)
         note = weights.hash_note(name, path)
-        self.notes = [] if note is None else [note]
+        self.notes = [] if note is None else [Note(note)]
         mark_networks_loaded()
         self.sight, self.batch = family.sight, config.cpu_batch if device == "cpu" else config.gpu_batch
         self._torch, self._device = torch, torch.device(device)
-        model = family.build(family.sight.side, **numbers)
+        try:
+            model = family.build(family.sight.side, **numbers)
+        except ImportError as error:  # the library is there and cannot be loaded, or is too old
+            reason = " ".join(str(error.__cause__ or error).split())[:200]
+            raise MissingDependency(
+                f"transformers cannot load the network of {name} ({reason}): pip install -U 'zpm2[hf]', and where "
+                "torchvision is installed, the one that fits your torch"
+            ) from error
         load_strictly(model, path, family)
         self._model = model.eval().requires_grad_(False).to(self._device)
 
@@ -214,10 +222,11 @@ def check_installed(name: str) -> None:
     """`MissingDependency` without what the network needs."""
     from importlib.util import find_spec
 
+    extra = "edgetam" if name == "edgetam" else "hf"
     needs = ("transformers", "safetensors", *(("timm",) if name == "edgetam" else ()))
     missing = [package for package in needs if find_spec(package) is None]
     if missing:
-        raise MissingDependency(f"the segmenter {name} needs {' and '.join(missing)}: pip install 'zpm2[hf]'")
+        raise MissingDependency(f"the segmenter {name} needs {' and '.join(missing)}: pip install 'zpm2[{extra}]'")
 
 
 def load_strictly(model: Any, path: Path, family: Family) -> None:

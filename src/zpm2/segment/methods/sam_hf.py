@@ -44,7 +44,7 @@ for _name, (_data, _seen, _bytes) in MODELS.items():
             weights=(_name,),
             input_size=_seen,
             working_bytes=_bytes,
-            extra="hf",
+            extra="edgetam" if _name == "edgetam" else "hf",
             packages=("transformers", "safetensors", *(("timm",) if _name == "edgetam" else ())),
         ),
     )(sam_hf)
