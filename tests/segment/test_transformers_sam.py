@@ -34,7 +34,7 @@ SMALL: dict[str, tuple[Family, int, dict[str, Any]]] = {  # the family, the side
             "hidden_size": 8,
             "embed_dim_per_stage": [8, 16, 32, 64],
             "blocks_per_stage": [1, 1, 2, 1],
-            "global_attention_blocks": [2],
+            "global_attention_blocks": [3],
         },
     ),
     "sam_hq_b": (SAM_HQ, 128, {"hidden_size": 32, **VIT}),
@@ -58,10 +58,8 @@ def tensors(name: str) -> Tensors:
     """Random weights, by the names in a published file."""
     torch.manual_seed(0)
     family, numbers = MODELS[name]
-    state = {
-        key: torch.randn_like(value) * 0.1
-        for key, value in family.build(family.sight.side, **numbers).state_dict().items()
-    }
+    model = family.build(family.sight.side, **numbers)
+    state = {key: torch.randn_like(value) * 0.1 for key, value in model.state_dict().items()}
     if name == "sam3":
         return {published(key): value for key, value in state.items()} | {"detector_model.text.weight": torch.ones(2)}
     if name == "sam_hq_b":
@@ -72,13 +70,9 @@ def tensors(name: str) -> Tensors:
 
 def published(key: str) -> str:
     """The name of a tensor of SAM 3's tracker in the file of the whole SAM 3."""
-    for ours, theirs in (
-        ("vision_encoder.backbone.", "detector_model.vision_encoder.backbone."),
-        ("vision_encoder.neck.", "tracker_neck."),
-    ):
-        if key.startswith(ours):
-            return key.replace(ours, theirs, 1)
-    return f"tracker_model.{key}"
+    if key.startswith("vision_encoder.backbone."):
+        return f"detector_model.{key}"
+    return f"tracker_neck.{key[20:]}" if key.startswith("vision_encoder.neck.") else f"tracker_model.{key}"
 
 
 def saved(name: str, state: Tensors, folder: Path) -> Path:
@@ -88,9 +82,8 @@ def saved(name: str, state: Tensors, folder: Path) -> Path:
 
 
 def opened(name: str) -> Segmenter:
-    return create(
-        SegmentConfig(model=name, grid=4, cpu_batch=3, min_predicted_iou=0.0, min_stability=0.0, min_area=1.0)
-    )
+    limits = {"min_predicted_iou": 0.0, "min_stability": 0.0, "min_area": 1.0}
+    return create(SegmentConfig(model=name, grid=4, cpu_batch=3, **limits))
 
 
 def test_contract(name: str, tmp_path: Path) -> None:
