@@ -17,7 +17,7 @@ from zpm2.segment.registry import segmenter
         training_data="SA-1B, SA-V",
         weights=("sam2_tiny_encoder", "sam2_tiny_decoder"),
         input_size="1024 x 1024 px, stretched",
-        working_bytes=2.2e9,
+        working_bytes=3.0e9,
         extra="onnx",
         packages=("onnxruntime",),
     ),
