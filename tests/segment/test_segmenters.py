@@ -17,6 +17,7 @@ from zpm2.contract.segmenters import check_form
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask
 from zpm2.polygons.vectorize import vectorize
+from zpm2.segment.classical import ClassicalSegmenter
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.segment.protocol import FromFile, HasNotes, Segmenter, notes_of
 from zpm2.segment.sam import SamSegmenter
@@ -30,11 +31,13 @@ def sam() -> SamSegmenter:
     return SamSegmenter(SAM)
 
 
-@pytest.fixture(params=["precomputed", pytest.param("sam", marks=pytest.mark.weights)])
+@pytest.fixture(params=["precomputed", "classical", pytest.param("sam", marks=pytest.mark.weights)])
 def make(request: pytest.FixtureRequest, tmp_path: Path) -> Maker:
     if request.param == "sam":
         sam = request.getfixturevalue("sam")
         return lambda image: sam
+    if request.param == "classical":
+        return lambda image: ClassicalSegmenter(SAM)
     return lambda image: PrecomputedSegmenter(brightness_levels(image, tmp_path / f"{id(image)}.png"))
 
 

