@@ -1,8 +1,9 @@
 """Rectified pairs: epipolar rectification and dense disparity."""
 
 from dataclasses import dataclass
+from typing import Literal
 
-from zpm2.config.fields import number, share
+from zpm2.config.fields import number, option, share
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,15 @@ class StereoConfig:
     all_directions: int = number(
         4_000_000, "images of fewer pixels are matched along eight directions, larger ones along three", unit="px"
     )
+    method: Literal["sgbm", "mc-cnn"] = option(
+        "sgbm", "dense stereo: OpenCV's semi-global matching, or the same along eight directions of a learned cost"
+    )
+    weights: Literal["middlebury", "aerial"] = option("middlebury", "what the network of mc-cnn was trained on")
+    cost_steps: tuple[float, ...] = option((0.3, 2.0), "P1 and P2 of mc-cnn, whose costs are from -1 to 1")
+    strip_costs: int = number(
+        300_000_000, "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; else strips of rows"
+    )
+    strip_overlap: int = number(32, "by which strips are higher on either side, so that they agree", unit="px")
     left_right: float = number(1.0, "difference of the disparities of both images up to which they agree", unit="px")
     speckle: int = number(200, "smaller patches of disparity are taken for noise", unit="px")
     smooth: float = number(3.0, "standard deviation in the image of the bilateral filter", unit="px")
