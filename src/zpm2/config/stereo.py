@@ -5,6 +5,8 @@ from typing import Literal
 
 from zpm2.config.fields import number, option, share
 
+MC_CNN, JMLR = "measured, docs/cloud.md", "Zbontar and LeCun, JMLR 2016"
+
 
 @dataclass(frozen=True)
 class StereoConfig:
@@ -34,9 +36,17 @@ class StereoConfig:
         "sgbm", "dense stereo: OpenCV's semi-global matching, or the same along eight directions of a learned cost"
     )
     weights: Literal["middlebury", "aerial"] = option("middlebury", "what the network of mc-cnn was trained on")
-    cost_steps: tuple[float, ...] = option((0.3, 2.0), "P1 and P2 of mc-cnn, whose costs are from -1 to 1")
+    small_cost: float = number(
+        1.0, "P1 of mc-cnn, the price of a change of disparity by one; costs are from -1 to 1", source=MC_CNN
+    )
+    large_cost: float = number(5.0, "P2, the price of a larger change", source=MC_CNN)
+    edge: float = number(
+        0.08, "difference of neighbours, in standard deviations of the image, from which both are lower", source=JMLR
+    )
+    edge_discount: float = number(4.0, "by which they are divided there", low=1.0, source=JMLR)
     strip_costs: int = number(
-        300_000_000, "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; else strips of rows"
+        300_000_000, "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; beyond, strips of rows",
+        low=1,
     )
     strip_overlap: int = number(32, "by which strips are higher on either side, so that they agree", unit="px")
     left_right: float = number(1.0, "difference of the disparities of both images up to which they agree", unit="px")

@@ -14,7 +14,7 @@ from zpm2.config import StereoConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import Image
 from zpm2.runtime import resolve_device
-from zpm2.stereo.refine import SUBPIXEL, Disparity, refined
+from zpm2.stereo.refine import SUBPIXEL, Disparity, refined, refuse_far
 
 Array = NDArray[np.float64]
 # A given map is that of another pair or scale, where of so many points fewer than this share lie within so many px.
@@ -43,6 +43,7 @@ def semi_global(left: Image, right: Image, low: int, high: int, config: StereoCo
 
     Both photographs must have the same size.
     """
+    refuse_far(low, high)
     count = -(-(high - low + 1) // SUBPIXEL) * SUBPIXEL
     grey = [cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     small = grey[0].size < config.all_directions

@@ -9,10 +9,18 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from zpm2.config import StereoConfig
+from zpm2.errors import InputError
 from zpm2.model import Image
 
 Disparity = NDArray[np.float32]
 SUBPIXEL = 16  # OpenCV's disparities are in 1/16 px, and searched in groups of 16
+FAR = 2000  # px, beyond which disparities in 1/16 px do not fit into 16 bits
+
+
+def refuse_far(low: int, high: int) -> None:
+    """`InputError` for disparities that are not searched."""
+    if min(low, high) < -FAR or max(low, high) > FAR:
+        raise InputError(f"disparities from {low} to {high} px: at most {FAR} px are searched; reduce the photographs")
 
 
 def refined(maps: Sequence[Disparity], images: Sequence[Image], low: int, config: StereoConfig) -> Disparity:
