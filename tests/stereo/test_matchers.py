@@ -1,7 +1,6 @@
 """What every dense stereo method keeps to, on a pair whose disparities are known exactly."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,7 +68,7 @@ def test_the_range_is_kept(find: StereoMatcher) -> None:
     left, right, _ = textures()
     found = find(left, right, 5, 9)
     assert np.nanmin(found) >= 5
-    assert np.nanmax(found) <= 9 if "mc" in str(type(find)).lower() else 20  # SGBM searches groups of 16
+    assert np.nanmax(found) < 21  # OpenCV searches groups of 16
 
 
 def test_one_disparity_is_a_range(find: StereoMatcher) -> None:
@@ -79,7 +78,7 @@ def test_one_disparity_is_a_range(find: StereoMatcher) -> None:
 
 
 def test_negative_disparities(find: StereoMatcher) -> None:
-    left, right, truth = textures()
+    left, right, _ = textures()
     found = find(right, left, -20, 0)  # the right image as the left one
     known = np.isfinite(found)
     assert known.mean() > 0.7

@@ -122,7 +122,7 @@ def test_what_does_not_fit_into_the_memory_is_refused_before(monkeypatch: pytest
         find(left, right, 0, 20)
     wide = Image(np.zeros((200, 9000, 3), np.uint8))
     with memory.within("none"), pytest.raises(InputError, match="more than 2147483647 costs"):
-        stereo_matcher(StereoConfig(method="mc-cnn", strip_costs=2**31 - 1), "cpu")(wide, wide, 0, 1999)
+        stereo_matcher(StereoConfig(method="mc-cnn", strip_overlap=64), "cpu")(wide, wide, 0, 1999)
 
 
 def _file(folder: Path, state: object, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -159,7 +159,7 @@ def test_only_exactly_its_tensors_are_loaded(tmp_path: Path, monkeypatch: pytest
         _file(tmp_path, _training(wrong), monkeypatch)
         with pytest.raises(WeightsError, match="holds no weights of MC-CNN fast"):
             mc_cnn.load(NAME)
-    for other in ({"optimizer": {}}, {"model": 3, "optimizer": {}}, [1]):
+    for other in ({"optimizer": {}, "epoch": 1}, {"model": 3, "optimizer": {}}, [1]):
         _file(tmp_path, other, monkeypatch)
         with pytest.raises(WeightsError, match="something other than named tensors"):
             mc_cnn.load(NAME)
@@ -170,3 +170,12 @@ def test_a_truncated_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(WeightsError, match=path.name):
         mc_cnn.load(NAME)
+
+
+def test_nothing_beyond_the_range_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("c_libsgm", reason="libsgm is not installed")
+    untrained(monkeypatch)
+    left, right, _ = textures()
+    found = stereo_matcher(StereoConfig(method="mc-cnn"), "cpu")(left, right, 5, 9)
+    assert np.nanmin(found) >= 5
+    assert np.nanmax(found) <= 9

@@ -120,8 +120,9 @@ def from_stereo(
         cloud = zpm2.cloud.from_stereo("left.png", "right.png", rig)
 
     The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image, None
-    to search them (`stereo.method`). matches: a folder of `MatchResult.save`, None to match the pair. Other arguments and
-    errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched points.
+    to search disparities (`stereo.method`). matches: a folder of `MatchResult.save`, None to match the pair. Other
+    arguments and errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched
+    points, or their search takes too much memory; `MissingDependency` for mc-cnn without libsgm.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     photographs = [Path(left), Path(right)]

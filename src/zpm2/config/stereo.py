@@ -45,7 +45,8 @@ class StereoConfig:
     )
     edge_discount: float = number(4.0, "by which they are divided there", low=1.0, source=JMLR)
     strip_costs: int = number(
-        300_000_000, "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; beyond, strips of rows",
+        300_000_000,
+        "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; beyond, strips of rows",
         low=1,
     )
     strip_overlap: int = number(32, "by which strips are higher on either side, so that they agree", unit="px")

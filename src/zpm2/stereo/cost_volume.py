@@ -1,7 +1,7 @@
 """Costs of all disparities from features of each pixel, and the disparities of least cost by semi-global matching.
 
-Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as libSGM has it. libSGM works
-on one core, in one order: the same costs give the same bytes.
+Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as libSGM has it. It works on
+one core, in one order: the same costs give the same bytes.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ def costs(left: torch.Tensor, right: torch.Tensor, low: int, high: int) -> Float
     count, blocks = high - low + 1, -(-width // BLOCK)
     # Pixel i of a block meets its columns i to i + count - 1. All products of a block are made, and that band taken.
     reach = BLOCK + count - 1
-    a = F.pad(left.permute(1, 2, 0), (0, 0, 0, blocks * BLOCK - width)).unflatten(1, (blocks, BLOCK))
+    a = F.pad(left.permute(1, 2, 0), (0, 0, 0, blocks * BLOCK - width)).reshape(height, blocks, BLOCK, -1)
     b = F.pad(right.permute(1, 0, 2), (max(0, high), max(0, blocks * BLOCK - width - low)))
     b = b[..., max(0, -high) :][..., : blocks * BLOCK + count - 1]
     result = np.empty((height, width, count), np.float32)

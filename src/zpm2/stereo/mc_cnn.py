@@ -5,6 +5,7 @@ Zbontar and LeCun, Stereo matching by training a convolutional neural network to
 of the image (here of one image, in the paper of both).
 """
 
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -109,7 +110,7 @@ def strips(height: int, costs_of_a_row: int, config: StereoConfig) -> list[tuple
     edges = [height * k // count for k in range(count + 1)]
     return [
         (max(0, a - config.strip_overlap), min(height, b + config.strip_overlap), slice(a, b))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     ]
 
 

@@ -81,7 +81,8 @@ def load_state_dict(
     """The tensors of the weights `name` by their names in the file, on the CPU. Fetches the file as `get` does.
 
     Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
-    which is taken off. Those of MC-CNN are states of a training, of which only `model` is taken. LighterGlue's file keeps its prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
+    which is taken off. MC-CNN's files are states of a training, of which `model` is taken. LighterGlue's file keeps its
+    prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
     `ForkError` in a child of a process that loaded some (`zpm2.runtime`).
     """
     import pickle
