@@ -19,6 +19,7 @@ NAMES = {
     *("mobile_sam", "sam_vit_b", "sam_vit_l", "sam_vit_h", "xfeat", "xfeat_lighterglue", "disk", "disk_lightglue"),
     *("sam2_tiny_encoder", "sam2_tiny_decoder", *UNKNOWN),
     *("aliked_n16", "aliked_n16rot", "aliked_n32", "aliked_lightglue", "superpoint", "superpoint_lightglue"),
+    *("mccnn_middlebury", "mccnn_aerial"),
 }
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from zpm2 import api
+from zpm2 import api, memory
 from zpm2 import config as configuration
 from zpm2.cloud.build import MatchedPair, build
 from zpm2.cloud.disparity_mesh import disparity_mesh
@@ -21,6 +21,7 @@ from zpm2.files.keys import key
 from zpm2.files.record import make_folder, save_key, saved_key
 from zpm2.files.writing import claim
 from zpm2.formats.maps import read_disparity
+from zpm2.model import Image, PointMatches
 from zpm2.model.messages import about
 from zpm2.photos.images import read_image
 from zpm2.photos.listing import image_size
@@ -31,6 +32,7 @@ from zpm2.stereo import dense
 from zpm2.stereo.calibration import read_calibration
 from zpm2.stereo.camera_check import checked, doubts, fitting_size
 from zpm2.stereo.intrinsics import read_camera
+from zpm2.stereo.refine import Disparity
 from zpm2.stereo.rig import Rig, rig_of
 
 AFTER_MATCHING = (
@@ -123,8 +125,9 @@ def from_stereo(
         cloud = zpm2.cloud.from_stereo("left.png", "right.png", rig)
 
     The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image, None
-    for semi-global matching. matches: a folder of `MatchResult.save`, None to match the pair. Other arguments and
-    errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched points.
+    to search disparities (`stereo.method`). matches: a folder of `MatchResult.save`, None to match the pair. Other
+    arguments and errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched
+    points, or their search takes too much memory; `MissingDependency` for mc-cnn without libsgm.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     photographs = [Path(left), Path(right)]
@@ -132,10 +135,7 @@ def from_stereo(
     images = [read_image(path, f"{name} image", raster) for path, name in zip(photographs, names, strict=True)]
     sizes = [(image.width, image.height) for image in images]
     odd = [*doubts(rig.left, "the left camera"), *doubts(rig.right, "the right camera")]
-    given = None
-    if disparity is not None:
-        map_ = disparity if isinstance(disparity, DisparityFile) else DisparityFile(disparity)
-        given = read_disparity(Path(map_.file), sizes[0], map_.scale, map_.sign)
+    surface_of = _searched(images, pairs.config) if disparity is None else _given(disparity, sizes[0])
     views = [PosedPhotograph(path.name, path, camera) for path, camera in zip(photographs, rig.views, strict=True)]
     if matches is None:
         result = pairs.match(views[0], views[1])
@@ -143,14 +143,7 @@ def from_stereo(
         result = pairs.finished(api.saved_matches(matches, photographs, sizes))
     points = result.points
     progress("mesh", 0.0)
-    if given is None:
-        bounds = dense.disparity_range(points.left[:, 0] - points.right[:, 0], images[0].width, pairs.config.stereo)
-        if isinstance(bounds, Failed):
-            raise InputError(f"no surface from this pair: {bounds}; give --disparity")
-        given = dense.semi_global(images[0], images[1], *bounds, pairs.config.stereo)
-    else:
-        dense.refuse_other_disparity(given, points.left, points.right)
-    surface = fill_holes(disparity_mesh(given, rig, pairs.config.cloud), pairs.config.cloud)
+    surface = fill_holes(disparity_mesh(surface_of(points), rig, pairs.config.cloud), pairs.config.cloud)
     progress("mesh", 1.0)
     return _built(views, [MatchedPair(0, 1, result)], surface, _caster(surface, say), pairs, odd)
 
@@ -186,6 +179,32 @@ def read_rig(
         for text, path, name in zip((k, k2 or k), photographs, ("K", "K2"), strict=True)
     ]
     return rig_of(cameras[0], cameras[1], baseline)
+
+
+def _searched(images: Sequence[Image], config: Config) -> Callable[[PointMatches], Disparity]:
+    """The disparities of a pair, to be searched where its points are."""
+    find = dense.stereo_matcher(config.stereo, config.device)
+
+    def searched(points: PointMatches) -> Disparity:
+        bounds = dense.disparity_range(points.left[:, 0] - points.right[:, 0], images[0].width, config.stereo)
+        if isinstance(bounds, Failed):
+            raise InputError(f"no surface from this pair: {bounds}; give --disparity")
+        with memory.within(config.max_memory):
+            return find(images[0], images[1], *bounds)
+
+    return searched
+
+
+def _given(file: DisparityFile | Place, size: tuple[int, int]) -> Callable[[PointMatches], Disparity]:
+    """The disparities of a file, to be checked against the points of its pair."""
+    map_ = file if isinstance(file, DisparityFile) else DisparityFile(file)
+    disparity = read_disparity(Path(map_.file), size, map_.scale, map_.sign)
+
+    def checked_against(points: PointMatches) -> Disparity:
+        dense.refuse_other_disparity(disparity, points.left, points.right)
+        return disparity
+
+    return checked_against
 
 
 def matching_part(config: Config) -> Mapping[str, object]:

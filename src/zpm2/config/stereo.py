@@ -1,8 +1,11 @@
 """Rectified pairs: epipolar rectification and dense disparity."""
 
 from dataclasses import dataclass
+from typing import Literal
 
-from zpm2.config.fields import number, share
+from zpm2.config.fields import number, option, share
+
+MC_CNN, JMLR = "measured, docs/cloud.md", "Zbontar and LeCun, JMLR 2016"
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,30 @@ class StereoConfig:
         "standard deviation in disparity of the same, so that edges stay",
         unit="px",
         source="edges of more than a px of disparity stay",
+    )
+    method: Literal["sgbm", "mc-cnn"] = option(
+        "sgbm", "dense stereo: OpenCV's semi-global matching, or the same along eight directions of a learned cost"
+    )
+    weights: Literal["middlebury", "aerial"] = option("middlebury", "what the network of mc-cnn was trained on")
+    small_cost: float = number(
+        1.0, "P1 of mc-cnn, the price of a change of disparity by one; costs are from -1 to 1", source=MC_CNN
+    )
+    large_cost: float = number(5.0, "P2, the price of a larger change", source=MC_CNN)
+    edge: float = number(
+        0.08, "difference of neighbours, in standard deviations of the image, from which both are lower", source=JMLR
+    )
+    edge_discount: float = number(4.0, "by which they are divided there", low=1.0, source=JMLR)
+    strip_costs: int = number(
+        300_000_000,
+        "costs (pixels times disparities) that mc-cnn takes at once, 8 bytes each; beyond, strips of rows",
+        low=1,
+        source="2.4 GB",
+    )
+    strip_overlap: int = number(
+        32,
+        "by which strips are higher on either side, so that they agree",
+        unit="px",
+        source="twice the paths that still matter",
     )
     outliers: float = share(
         0.01,

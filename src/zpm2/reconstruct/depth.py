@@ -1,4 +1,4 @@
-"""Depth maps of undistorted views by semi-global matching, for COLMAP without a GPU for its PatchMatch."""
+"""Depth maps of undistorted views by dense stereo (`stereo.method`), for COLMAP without a GPU for its PatchMatch."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from zpm2.formats.colmap import open_model, read_poses
 from zpm2.geometry import sight_angles
 from zpm2.model import PosedCamera
 from zpm2.photos.images import read_image
-from zpm2.stereo.dense import semi_global
+from zpm2.stereo.dense import StereoMatcher, stereo_matcher
 from zpm2.stereo.rectify import rectify_views
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ def write_depth_maps(dense: Path, config: Config, tell: Callable[[str, float], N
     """Depth and normal maps of all views of an undistorted workspace of COLMAP, in its format. Existing maps are kept.
     Returns notes on views that got none."""
     views, points = read_sparse(dense / "sparse")
+    find = stereo_matcher(config.stereo, config.device)
     notes = []
     for k, view in enumerate(views):
         tell("depth", k / len(views))
@@ -57,7 +58,7 @@ def write_depth_maps(dense: Path, config: Config, tell: Callable[[str, float], N
             for file in files:  # COLMAP trusts the sizes in them
                 refuse_foreign(file)
             continue
-        depth = _depth(view, views, points, dense / "images", config)
+        depth = _depth(view, views, points, dense / "images", config, find)
         if isinstance(depth, Failed):
             notes.append(f"{view.name}: no depth: {depth}")
             width, height = view.camera.camera.size
@@ -86,7 +87,7 @@ def choose_neighbors(
 
 
 def _depth(
-    view: SparseView, views: Sequence[SparseView], points: Array, images: Path, config: Config
+    view: SparseView, views: Sequence[SparseView], points: Array, images: Path, config: Config, find: StereoMatcher
 ) -> Depth | Failed:
     """(h, w) depth of a view; of three or more neighbours `min_agreeing` must agree on it. Fusion compares the views
     later."""
@@ -99,7 +100,7 @@ def _depth(
             reasons.append(str(pair))
             continue
         left, right = pair.images(reference, read_image(images / views[k].name))
-        maps.append(pair.depth(semi_global(left, right, *pair.search, config.stereo)))
+        maps.append(pair.depth(find(left, right, *pair.search)))
     if not maps:
         return Failed(reasons[0] if reasons else "no other view shares enough points from a usable angle")
     return agreed(np.stack(maps), own.depth_agreement, own.min_agreeing if len(maps) > 2 else 1)

@@ -25,6 +25,7 @@ from zpm2.model import PosedCamera
 from zpm2.reconstruct.depth import write_depth_maps
 from zpm2.reconstruct.photographs import as_png
 from zpm2.reconstruct.structure import find_structure
+from zpm2.stereo.dense import stereo_matcher
 
 POINT_BYTES = 27  # of a point in COLMAP's PLY: coordinates and normal as float32, colour
 HEADER_BYTES = 2000  # more than that PLY has before its points
@@ -57,7 +58,8 @@ def reconstruct(
 
     config: its stages `reconstruct` and `stereo`. known: cameras by these names, if they are known. Structure from
     motion, undistortion, fusion and Poisson meshing are COLMAP's (pycolmap, the extra `colmap`). Depth is COLMAP's
-    PatchMatch where its build has CUDA, else semi-global matching of rectified neighbours, of which several must agree.
+    PatchMatch where its build has CUDA, else dense stereo of rectified neighbours (`stereo.method`), of which several
+    must agree.
     `InputError` where the photographs are not connected or give no surface, or the workspace is another
     reconstruction's; `OutputError` where a file in it that no reconstruction made has one of its names.
     """
@@ -68,6 +70,8 @@ def reconstruct(
         raise InputError(
             f"there are {len(names)} photographs with {len(set(names))} names: give at least two, all named differently"
         )
+    if not pycolmap.has_cuda:
+        stereo_matcher(config.stereo, config.device)  # what it lacks is said before the work, not after half of it
     _claim(workspace, photographs, config, known)
     images = workspace / IMAGES
     if not _in_place(photographs, images):

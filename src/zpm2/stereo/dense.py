@@ -1,22 +1,41 @@
-"""Disparity of a rectified pair by semi-global matching.
+"""Disparity of a rectified pair: the methods, semi-global matching, and where to search.
 
 Hirschmueller, Stereo processing by semiglobal matching and mutual information, PAMI 2008, as OpenCV has it.
 """
 
+import functools
+from typing import Protocol
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from zpm2.config import StereoConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import Image
+from zpm2.runtime import resolve_device
+from zpm2.stereo.refine import SUBPIXEL, Disparity, refined, refuse_far
 
 Array = NDArray[np.float64]
-Disparity = NDArray[np.float32]
-SUBPIXEL = 16  # OpenCV's disparities are in 1/16 px, and searched in groups of 16
 # A given map is that of another pair or scale, where of so many points fewer than this share lie within so many px.
 FOREIGN_MAP_POINTS, FOREIGN_MAP_PX, FOREIGN_MAP_SHARE = 30, 5.0, 0.25
+
+
+class StereoMatcher(Protocol):
+    """A dense stereo method."""
+
+    def __call__(self, left: Image, right: Image, low: int, high: int) -> Disparity:
+        """(h, w) px, left x - right x of two rectified images of one size, searched over [low, high] px; NaN where it
+        is not known. `InputError` where that takes more memory than there is."""
+
+
+def stereo_matcher(config: StereoConfig, device: str) -> StereoMatcher:
+    """The method that `stereo.method` names. `MissingDependency` without libsgm, `WeightsError` without weights."""
+    if config.method == "sgbm":
+        return functools.partial(semi_global, config=config)
+    from zpm2.stereo.mc_cnn import McCnn
+
+    return McCnn(config, resolve_device(device))
 
 
 def semi_global(left: Image, right: Image, low: int, high: int, config: StereoConfig) -> Disparity:
@@ -24,6 +43,7 @@ def semi_global(left: Image, right: Image, low: int, high: int, config: StereoCo
 
     Both photographs must have the same size.
     """
+    refuse_far(low, high)
     count = -(-(high - low + 1) // SUBPIXEL) * SUBPIXEL
     grey = [cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     small = grey[0].size < config.all_directions
@@ -46,38 +66,7 @@ def semi_global(left: Image, right: Image, low: int, high: int, config: StereoCo
         found = matcher.compute(a, b)[:, border[1][0] : border[1][0] + grey[0].shape[1]].astype(np.float32)
         found[found < SUBPIXEL * low] = np.nan
         maps.append(found / SUBPIXEL if side == 0 else (found / SUBPIXEL)[:, ::-1])
-    for found, image in zip(maps, (left, right), strict=True):
-        if image.valid is not None:
-            found[~image.valid] = np.nan
-    disparity = _consistent(maps[0], maps[1], config.left_right)
-    unknown = (low - 1) * SUBPIXEL
-    whole = np.where(np.isfinite(disparity), disparity * SUBPIXEL, unknown).astype(np.int16)
-    cv2.filterSpeckles(whole, unknown, config.speckle, SUBPIXEL)
-    disparity[whole == unknown] = np.nan
-    return _smoothed(disparity, config)
-
-
-def _smoothed(disparity: Disparity, config: StereoConfig) -> Disparity:
-    """Without the steps of whole pixels and the noise between them. The filter is bilateral: it averages disparities
-    that differ by a pixel or so, and edges stay."""
-    known = np.isfinite(disparity)
-    if not known.any():
-        return disparity
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    whole = np.ascontiguousarray(disparity[tuple(nearest)])
-    smooth = cv2.bilateralFilter(whole, 0, config.smooth_range, config.smooth)
-    return np.where(known, smooth, np.nan).astype(np.float32)
-
-
-def _consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity:
-    """The left map where the right one agrees within `tolerance` px."""
-    height, width = left.shape
-    x = np.arange(width)[None] + 0.5 - np.where(np.isfinite(left), left, 0)
-    column = np.floor(x).astype(np.intp)
-    inside = np.isfinite(left) & (column >= 0) & (column < width)
-    other = right[np.arange(height)[:, None], np.clip(column, 0, width - 1)]
-    with np.errstate(invalid="ignore"):
-        return np.where(inside & (np.abs(left - other) <= tolerance), left, np.nan).astype(np.float32)
+    return refined(maps, (left, right), low, config)
 
 
 def robust_range(disparities: Array, margin: float, config: StereoConfig) -> tuple[float, float, float]:

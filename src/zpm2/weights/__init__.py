@@ -93,7 +93,8 @@ def load_state_dict(
     """The tensors of the weights `name` by their names in the file, on the CPU. Fetches the file as `get` does.
 
     Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
-    which is taken off. LighterGlue's file keeps its prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
+    which is taken off. MC-CNN's files are states of a training, of which `model` is taken. LighterGlue's file keeps its
+    prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
     `ForkError` in a child of a process that loaded some (`zpm2.runtime`).
     """
     import pickle
@@ -109,6 +110,8 @@ def load_state_dict(
         raise WeightsError(f"{path} cannot be read as weights: {reason}") from error
     if isinstance(state, dict) and len(state) == 1 and isinstance(inner := next(iter(state.values())), dict):
         state = inner
+    elif isinstance(state, dict) and "optimizer" in state:
+        state = state.get("model")
     if not isinstance(state, dict) or not all(isinstance(value, torch.Tensor) for value in state.values()):
         raise WeightsError(f"{path} holds something other than named tensors")
     return dict(state)

