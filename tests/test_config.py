@@ -89,7 +89,10 @@ def test_the_last_setting_wins_and_none_is_lost():
         ("segment.grid=many", "segment.grid must be of type int, got 'many'"),
         ("segment.grid=4.5", "segment.grid must be of type int"),
         ("segment.nms_iou=", "segment.nms_iou must be of type float"),
-        ("segment.model=vit_x", "segment.model must be one of mobile_sam, vit_b, vit_l, vit_h, got 'vit_x'"),
+        ("segment.model=", "segment.model is empty"),
+        ("segment.options=3", "segment.options holds options by name; set one of them: segment.options.NAME=VALUE"),
+        ("segment.options.a.b=3", "segment.options.a must be a number, a word, true or false, got '{'b': '3'}'"),
+        ("points.options.a-b=3", "points.options.a-b is no name of an option"),
         ("local_match.assign=best", "local_match.assign must be one of optimal, greedy"),
         ("segment.grid=0", "segment.grid must be at least 1"),
         ("segment.grid=-3", "segment.grid must be a finite number >= 0"),
@@ -170,7 +173,7 @@ def test_files(tmp_path, name, text):
         ("a.json", b"[1]", "must hold a table of stages, got list"),
         ("a.toml", b"\xff\xfe", "is not valid toml"),
         ("a.toml", b"sede = 3", r"unknown option 'sede' \(did you mean 'seed'\?\)"),
-        ("a.toml", b"[segment]\nmodel = 3", "segment.model must be one of"),
+        ("a.toml", b"[segment]\nmodel = 3", "segment.model must be of type str, got '3'"),
     ],
 )
 def test_files_that_cannot_be_used(tmp_path, name, content, message):

@@ -14,6 +14,7 @@ from zpm2.baselines import BaselineMatcher
 from zpm2.errors import InputError
 from zpm2.features import METHODS
 from zpm2.pipeline import PairMatcher
+from zpm2.segment.registry import SEGMENTERS
 
 MEASURED = {  # MiB, see estimate.MEMORY
     "default": {1: 1775, 4: 1833, 12: 2019, 25: 2449},
@@ -38,8 +39,8 @@ def test_estimates_are_above_what_was_measured_and_not_far(name: str) -> None:
 
 
 def test_every_method_and_model_has_its_number() -> None:
-    assert all(method.bytes_per_pixel > 0 for method in METHODS.values())
-    assert set(config.choices("segment.model")) <= set(estimate.MEMORY)
+    assert all(method.info.bytes_per_pixel > 0 for method in METHODS.values())
+    assert all(segmenter.info.working_bytes > 0 for segmenter in SEGMENTERS.values())
 
 
 def test_200_megapixels_need_much_more_as_a_whole_than_in_tiles() -> None:

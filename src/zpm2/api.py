@@ -11,7 +11,7 @@ from pathlib import Path
 from zpm2 import baselines, estimate, memory
 from zpm2 import config as configuration
 from zpm2.config import Config
-from zpm2.errors import ConfigError
+from zpm2.errors import ConfigError, did_you_mean
 from zpm2.features import PointMatcher
 from zpm2.files.photo_paths import are_swapped, has_content
 from zpm2.model import SIDES
@@ -20,11 +20,11 @@ from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult, read_result
 from zpm2.runtime import Progress
 from zpm2.segment.protocol import Segmenter
+from zpm2.segment.registry import SEGMENTERS
 from zpm2.tiled.run import TiledRun
 from zpm2.tiled.whole import in_tiles, match_whole, min_areas
 
 PRECOMPUTED = "precomputed"  # the segmenter's name where regions are given
-SEGMENTERS = (*configuration.choices("segment.model"), PRECOMPUTED)
 METHODS = ("zpm2", *baselines.METHODS)
 
 PairFunction = Callable[[ImageLike, ImageLike], MatchResult]
@@ -124,7 +124,7 @@ def match(
     """
     check_method(method)
     if segmenter is not None:
-        _one_of("segmenter", segmenter, SEGMENTERS)
+        check_segmenter(segmenter)
     base = preset if config is None else config
     chosen = configuration.with_options(
         configuration.as_config(base),
@@ -162,9 +162,21 @@ def own_regions(
     return sides[0], sides[1]
 
 
+def segmenters() -> tuple[str, ...]:
+    """The names of all segmenters, and `PRECOMPUTED`."""
+    return (*SEGMENTERS, PRECOMPUTED)
+
+
+def check_segmenter(name: str) -> None:
+    """`ConfigError` for a name that is neither one of `segmenters` nor a dotted path."""
+    if name != PRECOMPUTED and name not in SEGMENTERS:
+        raise SEGMENTERS.unknown(name, [PRECOMPUTED])
+
+
 def check_method(name: str) -> None:
     """`ConfigError` for a name that is not in `METHODS`."""
-    _one_of("method", name, METHODS)
+    if name not in METHODS:
+        raise ConfigError(f"unknown method '{name}'{did_you_mean(name, METHODS)}; methods are: {', '.join(METHODS)}")
 
 
 def open_method(
@@ -210,8 +222,3 @@ def saved_matches(
                 "anything else, the result is wrong"
             )
     return dataclasses.replace(matched, warnings=warnings)
-
-
-def _one_of(what: str, name: str, names: Sequence[str]) -> None:
-    if name not in names:
-        raise ConfigError(f"unknown {what} '{name}'; {what}s are: {', '.join(names)}")

@@ -42,6 +42,10 @@ class MissingDependency(Zpm2Error):
     """An optional package is needed; the message holds the install command."""
 
 
+class PluginWarning(UserWarning):
+    """A segmenter, point matcher, data set or format of another package is left out. Its text is one line."""
+
+
 @dataclass(frozen=True)
 class Failed:
     """An estimate that does not exist. Falsy, so that `if geometry.homography:` reads as it should."""

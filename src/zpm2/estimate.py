@@ -1,7 +1,8 @@
 """How much memory a pair takes, estimated from its size and the configuration before anything is loaded.
 
-The numbers are measured and rounded up. They are of a whole process. Those of point matchers stand where these are
-registered (`zpm2.features.registry.PointMethod`): measured with photographs of 1.4 megapixels (xfeat and SIFT: 12).
+The numbers are measured and rounded up. They are of a whole process. Those of segmenters and point matchers
+stand where these are registered (`zpm2.plugins.ModelInfo`): measured with photographs of 1.4 megapixels (xfeat and
+SIFT: 12).
 """
 
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from collections.abc import Sequence
 from zpm2 import memory
 from zpm2.config import Config
 from zpm2.features import METHODS
+from zpm2.segment.registry import SEGMENTERS
 
 Size = tuple[int, int]  # (width, height) px
 
@@ -22,18 +24,13 @@ MEMORY = {
     "pixel": 25.0,  # for each pixel of both photographs
     "full": 25.0,  # the same, more where segment.quality is full
     "tiles": 0.5e9,  # what is kept from one tile to the next, and the cache of blocks (docs/results.md: 2.5 GB in all)
-    # networks that segment, while they work; all but mobile_sam by the size of their weights, not measured
-    "mobile_sam": 1.4e9,
-    "vit_b": 3e9,
-    "vit_l": 5e9,
-    "vit_h": 8e9,
 }
 
 
 def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
     """Bytes for a pair matched as a whole. own_regions: no network segments."""
     areas = [width * height for width, height in sizes]
-    networks = 0.0 if own_regions else MEMORY[config.segment.model]
+    networks = 0.0 if own_regions else max(_regions(config.segment.model, size) for size in sizes)
     points = [_points(name, config.points.max_size, size) for name in config.points.methods for size in sizes]
     each = MEMORY["pixel"] + (MEMORY["full"] if config.segment.quality == "full" and not own_regions else 0.0)
     return MEMORY["program"] + max(networks, *points) + each * sum(areas)
@@ -59,11 +56,17 @@ def refuse_in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regi
     memory.refuse_above(in_tiles(config, sizes, held, own_regions), what, ways)
 
 
+def _regions(segmenter: str, size: Size) -> float:
+    """Bytes for the regions of one photograph."""
+    info = SEGMENTERS.get(segmenter).info
+    return info.working_bytes + info.bytes_per_pixel * size[0] * size[1]
+
+
 def _points(method: str, max_size: int, size: Size) -> float:
     """Bytes for the points of one photograph; 0 for a method of the caller's own."""
-    known = METHODS.get(method)
-    if known is None:
+    if method not in METHODS:
         return 0.0
+    known = METHODS.get(method).info
     reduction = 1.0 if known.full_size else min(1.0, max_size / max(size))
     return known.bytes_per_pixel * size[0] * size[1] * reduction**2
 

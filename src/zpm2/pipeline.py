@@ -9,7 +9,7 @@ from typing import Literal
 from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
-from zpm2.features import PointMatcher, check_methods
+from zpm2.features import METHODS, PointMatcher, check_methods
 from zpm2.global_match import InitialGeometry, initial_geometry, locate, points_with_data, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
@@ -24,8 +24,17 @@ from zpm2.polygons.warp import warp_by_points
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress, StageTimer, resolve_device
 from zpm2.segment.protocol import Segmenter
+from zpm2.segment.registry import SEGMENTERS
 
 Sides = tuple[ImagePolygons, ImagePolygons]
+
+
+def plugin_code(config: Config) -> list[str]:
+    """Hashes of the code of the configured segmenter and point matchers, as far as other packages wrote it: for the
+    keys of what an earlier run left."""
+    used = [(SEGMENTERS, config.segment.model), *((METHODS, name) for name in config.points.methods)]
+    codes = [models.code(name) for models, name in used if name in models]  # a matcher that was given has any name
+    return [code for code in codes if code]
 
 
 class PairMatcher:
@@ -34,9 +43,9 @@ class PairMatcher:
         matcher = PairMatcher("paper")
         result = matcher("left.png", "right.png")
 
-    `config` is a preset's name or a `Config`. `segmenter` replaces SAM, one for both images or a (left, right) pair;
-    `points` replaces the configured point matcher. `progress(stage, share)` receives the share of a stage that is done,
-    0..1, and `say(text)` what takes long.
+    `config` is a preset's name or a `Config`. `segmenter` replaces the configured one: one for both images, or a (left,
+    right) pair; `points` replaces the configured point matcher. `progress(stage, share)` receives the share of a stage
+    that is done, 0..1, and `say(text)` what takes long.
     """
 
     def __init__(

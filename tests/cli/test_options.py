@@ -31,15 +31,20 @@ def test_the_last_of_a_list_is_completed() -> None:
 def test_settings_are_completed() -> None:
     assert "segment.grid=" in options.settings_of("segment.")
     assert "tiles.mode=off" in options.settings_of("tiles.mode=")
+    assert options.settings_of("segment.model=vit") == [f"segment.model=vit_{size}" for size in "blh"]
+    assert "points.methods=sift,xfeat" in options.settings_of("points.methods=sift,")
+    assert options.settings_of("segment.options.side=") == []
 
 
 def test_what_is_completed_is_what_the_package_takes() -> None:
     from zpm2 import api, config, features
     from zpm2.evaluate.datasets import DATASETS
     from zpm2.formats import registry
+    from zpm2.segment.registry import SEGMENTERS
 
+    assert tuple(SEGMENTERS) == ("mobile_sam", "vit_b", "vit_l", "vit_h")
     assert tuple(options.methods()) == api.METHODS == ("zpm2", "shape-context", "idsc")
-    assert tuple(options.segmenters()) == (*config.choices("segment.model"), "precomputed")
+    assert tuple(options.segmenters()) == (*SEGMENTERS, "precomputed") == api.segmenters()
     assert tuple(options.point_matchers()) == tuple(features.METHODS)
     assert tuple(options.known_formats()) == tuple(registry.names())
     assert tuple(options.datasets()) == tuple(DATASETS)

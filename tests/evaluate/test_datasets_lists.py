@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zpm2.errors import ConfigError, InputError
-from zpm2.evaluate.datasets import DATASETS, dataset, layout, open_dataset, registry
+from zpm2.evaluate.datasets import DATASETS, dataset, layout, open_dataset
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, HomographyTruth, PoseTruth
 from zpm2.geometry import project
 
@@ -315,7 +315,7 @@ def test_one_file_from_elsewhere_adds_a_data_set(tmp_path, monkeypatch, run):
         with pytest.raises(ValueError, match="two data sets have the name 'toy'"):
             dataset("toy", truth="none")(lambda root, split: iter(()))
     finally:
-        registry._DATASETS.pop("toy")
+        DATASETS.remove("toy")
 
 
 def test_the_documented_pairs_are_read(tmp_path):

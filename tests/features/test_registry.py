@@ -12,7 +12,7 @@ from zpm2 import estimate
 from zpm2.api import Matcher
 from zpm2.config import PointsConfig, assign, preset
 from zpm2.errors import ConfigError
-from zpm2.features import METHODS, create, methods, point_matcher, registry
+from zpm2.features import METHODS, create, methods, point_matcher
 from zpm2.model import Image
 
 TOY = """
@@ -47,7 +47,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.delitem(sys.modules, "toy_points", raising=False)
     import_module("toy_points")
     yield
-    registry._METHODS.pop("toy", None)
+    METHODS.remove("toy")
 
 
 @pytest.mark.usefixtures("toy")
@@ -71,7 +71,9 @@ def test_one_file_adds_a_point_matcher() -> None:
 
 
 def test_a_name_is_taken_once() -> None:
-    with pytest.raises(ValueError, match="two point matchers have the name 'sift'"):
+    with pytest.raises(
+        ValueError, match="two point methods have the name 'sift': one is built in, the other is of the module "
+    ):
         point_matcher("sift")(lambda config, device, progress: None)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,16 +31,15 @@ def result(tmp_path: Path) -> MatchResult:
 
 
 @pytest.fixture
-def toy(monkeypatch: pytest.MonkeyPatch) -> OutputFormat:
+def toy() -> Iterator[OutputFormat]:
     """A format as somebody else would write it, outside of the package."""
 
     def write(result: PairResult, folder: Path) -> None:
         rows = [f"{match.left},{match.right}" for match in result.matches]
         (folder / "pairs.csv").write_text("\n".join(rows))
 
-    registry.known()
-    monkeypatch.setattr(registry, "_FORMATS", dict(registry._FORMATS))
-    return register(OutputFormat("csv", ("pairs.csv",), write))
+    yield register(OutputFormat("csv", ("pairs.csv",), write))
+    registry.FORMATS.remove("csv")
 
 
 def test_the_formats_of_the_package() -> None:
@@ -62,7 +62,7 @@ def test_a_format_from_outside_is_one_of_them(toy: OutputFormat, result: MatchRe
 
 def test_the_command_takes_it(toy: OutputFormat, run: Any, tmp_path: Path) -> None:
     code, _, err = run("match", "no.png", "no.png", "-o", tmp_path / "out", "--format", "csv", "--format", "kml")
-    assert (code, err) == (2, "zpm2: unknown format 'kml'; formats are: coco, csv, geojson, gpkg, shapefile\n")
+    assert (code, err) == (2, "zpm2: unknown format 'kml'; formats are: coco, geojson, gpkg, shapefile, csv\n")
 
 
 def test_a_missing_package_is_named_before_anything_is_written(

@@ -2,18 +2,19 @@
 
 import errno
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import cloud, config, demo, doctor, match, pose, reconstruct, weights
+from zpm2.cli import cloud, config, demo, doctor, match, models, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
-from zpm2.cli.console import Interrupted, terminable
+from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
-from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.errors import ConfigError, PluginWarning, Zpm2Error
 from zpm2.runtime import package_version
 
 COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of the help; a Typer has sub-commands
@@ -24,11 +25,14 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "cloud": cloud.cloud,
     "eval": evaluation.evaluate,
     "config": config.app,
+    "models": models.models,
     "weights": weights.app,
     "doctor": doctor.doctor,
 }
 
 CLASSES = {"eval": evaluation.EvalCommand}  # of commands whose help is made when it is asked for
+
+_show_warning = warnings.showwarning
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
 UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
@@ -85,6 +89,7 @@ def main() -> None:
     """Entry point. Misuse prints one line and exits with 2; an interrupt says what stays and exits with 130."""
     if isinstance(sys.stdout, TextIOWrapper):  # names that the code page of a Windows console lacks are no error
         sys.stdout.reconfigure(errors="backslashreplace")
+    warnings.showwarning = _one_line
     try:
         _refuse_empty_words(sys.argv[1:])
         with terminable():
@@ -113,6 +118,21 @@ def _refuse_empty_words(words: list[str]) -> None:
     for before, word in zip(["the first argument", *words], words, strict=False):
         if not word or (word.startswith("--") and word.endswith("=")):
             raise ConfigError(f"{word.rstrip('=') or f'what follows {before}'} is empty: give a value")
+
+
+def _one_line(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """A warning about a plug-in in one line; others as Python shows them."""
+    if issubclass(category, PluginWarning):
+        warn([str(message)])
+    else:
+        _show_warning(message, category, filename, lineno, file, line)
 
 
 def _complain(text: str) -> int:

@@ -56,6 +56,8 @@ def _toml(table: dict[str, Any], name: str = "") -> Iterator[str]:
 
 def _word(value: Any) -> str:
     """A value as --set takes it."""
+    if isinstance(value, dict):
+        return ",".join(f"{name}={_word(each)}" for name, each in value.items()) or "-"
     if isinstance(value, tuple):
         return ",".join(map(str, value)) or "-"
     return str(value).lower() if isinstance(value, bool) else str(value)

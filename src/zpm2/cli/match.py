@@ -76,7 +76,8 @@ def match(
     segmenter: Annotated[
         str | None,
         typer.Option(
-            help="mobile_sam, vit_b, vit_l, vit_h, or precomputed (your own regions).",
+            help="mobile_sam, vit_b, vit_l, vit_h, precomputed (your own regions), another that is installed, or "
+            "package.module:Class.",
             rich_help_panel=METHOD,
             autocompletion=one_of(segmenters),
         ),
@@ -84,7 +85,7 @@ def match(
     points: Annotated[
         str | None,
         typer.Option(
-            help="Point matchers, comma separated: xfeat,sift.",
+            help="Point matchers, comma separated: xfeat,sift; also package.module:Class.",
             rich_help_panel=METHOD,
             autocompletion=one_of(point_matchers),
         ),

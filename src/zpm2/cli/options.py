@@ -84,7 +84,14 @@ def methods() -> Iterable[str]:
 
 def segmenters() -> Iterable[str]:
     """The names of the segmenters."""
-    from zpm2.api import SEGMENTERS
+    from zpm2 import api
+
+    return api.segmenters()
+
+
+def registered_segmenters() -> Iterable[str]:
+    """The names of the segmenters that a configuration may name."""
+    from zpm2.segment.registry import SEGMENTERS
 
     return SEGMENTERS
 
@@ -126,11 +133,13 @@ def settings_of(incomplete: str) -> list[str]:
     """Completes stage.field=value."""
     from zpm2 import config
 
-    key, equals, _ = incomplete.partition("=")
-    found = [name for name, *_ in config.describe(config.Config()) if name.startswith(key)]
+    key, equals, begun = incomplete.partition("=")
+    fields = [name for name, *_ in config.describe(config.Config())]
     if not equals:
-        return [f"{name}=" for name in found]
-    return [text for text in (f"{key}={value}" for value in config.choices(key)) if text.startswith(incomplete)]
+        return [f"{name}=" for name in fields if name.startswith(key)]
+    registered = {"segment.model": registered_segmenters, "points.methods": point_matchers}
+    values = registered.get(key) or (choices(key) if key in fields else tuple)
+    return [f"{key}={value}" for value in one_of(values)(begun)]
 
 
 # Checks of numbers that are no fields of the configuration.

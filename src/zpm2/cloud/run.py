@@ -25,6 +25,7 @@ from zpm2.formats.maps import read_disparity
 from zpm2.model.messages import about
 from zpm2.photos.images import read_image
 from zpm2.photos.listing import image_size
+from zpm2.pipeline import plugin_code
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress
 from zpm2.stereo import dense
@@ -215,7 +216,10 @@ class _Pairs:
 
     def _kept(self, home: Path, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
         name = "-".join(str(Path(view.name).with_suffix("")).replace("/", "_") for view in (left, right))
-        folder, made_from = home / name, key([left.path, right.path], matching_part(self.config))
+        folder, made_from = (
+            home / name,
+            key([left.path, right.path], matching_part(self.config), plugin_code(self.config)),
+        )
         if saved_key(folder) != made_from or not (folder / "matches.json").exists():
             result = self._match(left, right)
             claim(make_folder(home), [])

@@ -4,11 +4,13 @@ grid: int = number(32, "prompts along each image side, grid x grid in all", low=
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
 from zpm2.errors import ConfigError
 
+Word = bool | int | float | str  # the value of an option of another package's part
 LARGEST = 2**31 - 1  # what OpenCV takes for a number, a seed for instance
 
 
@@ -57,6 +59,29 @@ def option(
 ) -> Any:
     """A field that is a word, a switch or a list. `check(name, value)` raises `ConfigError`."""
     return _field(default, Rule(meaning, unit, source=source, check=check))
+
+
+def options(meaning: str) -> Any:
+    """A field that holds the options of a part which another package may have written: its names are free, its values
+    numbers, words and switches."""
+    rule = Rule(meaning, check=_words)
+    return dataclasses.field(default_factory=dict, hash=False, metadata={"rule": rule})
+
+
+def named(name: str, value: Any) -> None:
+    """`ConfigError` for an empty name."""
+    if not value:
+        raise ConfigError(f"{name} is empty: give a name")
+
+
+def _words(name: str, values: Any) -> None:
+    for key, value in values.items():
+        if not isinstance(key, str) or not key.isidentifier():
+            raise ConfigError(f"{name}.{short(key)} is no name of an option: letters, digits and _ only")
+        if not isinstance(value, bool | int | float | str):
+            raise ConfigError(f"{name}.{key} must be a number, a word, true or false, got '{short(value)}'")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{name}.{key} must be finite, got {value}")
 
 
 def rule_of(item: "dataclasses.Field[Any]") -> Rule:

@@ -1,6 +1,7 @@
 """Values of a configuration from plain ones: of the command line, of TOML and of JSON."""
 
 import dataclasses
+import math
 import types
 import typing
 from collections.abc import Mapping
@@ -28,9 +29,37 @@ def overlay(base: Any, values: Any, where: str = "") -> Any:
         current = getattr(base, name)
         if dataclasses.is_dataclass(current):
             changed[name] = overlay(current, value, f"{where}{name}.")
+        elif isinstance(current, Mapping):
+            changed[name] = {**current, **_words(value, f"{where}{name}")}
         else:
             changed[name] = _convert(value, types_of[name], f"{where}{name}")
     return dataclasses.replace(base, **changed)
+
+
+def _words(values: Any, name: str) -> dict[str, Any]:
+    """Options whose names and types are free. A text that reads as a number, true or false is one."""
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{name} holds options by name; set one of them: {name}.NAME=VALUE")
+    return {key: _word(value) if isinstance(value, str) else value for key, value in values.items()}
+
+
+def _word(text: str) -> bool | int | float | str:
+    """The value that a text stands for.
+
+    >>> [_word(text) for text in ("3", "0.5", "true", "fast", "nan")]
+    [3, 0.5, True, 'fast', 'nan']
+    """
+    switch = {"true": True, "false": False}.get(text.lower())
+    if switch is not None:
+        return switch
+    for kind in (int, float):
+        try:
+            value = kind(text)
+        except ValueError:
+            continue
+        if math.isfinite(value):
+            return value
+    return text
 
 
 def _convert(value: Any, kind: Any, name: str) -> Any:

@@ -1,9 +1,10 @@
 """Homologous points (paper 3.2)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from zpm2.config.fields import number, option, share
+from zpm2.config.fields import Word, number, option, options, share
 from zpm2.errors import ConfigError
 
 RETRY = "measured, docs/points.md"
@@ -51,7 +52,10 @@ class RotatedRetryConfig:
 class PointsConfig:
     """Homologous points (paper 3.2). Several matchers are combined, as the paper does."""
 
-    methods: tuple[str, ...] = option(("xfeat",), "one or several, see docs/points.md", check=_some)
+    methods: tuple[str, ...] = option(
+        ("xfeat",), "one or several (zpm2 models), or package.module:Class, see docs/points.md", check=_some
+    )
+    options: Mapping[str, Word] = options("of these matchers; each goes to those that have it")
     max_keypoints: int = number(4096, "per image and method", low=1, high=1_000_000)
     max_size: int = number(
         1600, "the longer image side given to learned detectors; points come back in original px", unit="px", low=32

@@ -1,9 +1,10 @@
 """Regions from pixels, and polygons from regions (paper 3.2)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from zpm2.config.fields import number, option, share
+from zpm2.config.fields import Word, named, number, option, options, share
 from zpm2.errors import ConfigError
 
 MEASURED = "measured, docs/results.md"
@@ -44,9 +45,8 @@ class PromptConfig:
 class SegmentConfig:
     """Regions from pixels (paper 3.2). Thresholds are those of SAM's automatic mask generator."""
 
-    model: Literal["mobile_sam", "vit_b", "vit_l", "vit_h"] = option(
-        "mobile_sam", "MobileSAM, or one of the larger SAMs"
-    )
+    model: str = option("mobile_sam", "name of a segmenter (zpm2 models), or package.module:Class", check=named)
+    options: Mapping[str, Word] = options("of that segmenter")
     backend: Literal["auto", "openvino", "torch"] = option(
         "auto", "auto: openvino on a CPU where it is installed, else torch"
     )

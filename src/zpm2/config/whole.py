@@ -107,4 +107,6 @@ def _type_name(kind: Any) -> str:
         return " | ".join(arguments)
     if typing.get_origin(kind) is tuple:
         return f"{_type_name(arguments[0])},..."
+    if typing.get_origin(kind) is Mapping:
+        return "NAME=VALUE"
     return str(kind.__name__)

@@ -38,7 +38,7 @@ class PredictionSettings:
     config: dict[str, Any]
     regions: str | None = None  # the folder of the evaluation whose polygons it took
     version: str = field(default_factory=package_version)
-    code: str = field(default_factory=code)  # a hash of the package's source
+    code: str = field(default_factory=code)  # a hash of the package's source, and of its plug-ins'
 
     def claim(self, out: Path) -> None:
         """Make `out` the folder of this run, or continue in it; `InputError` if it holds predictions of another run."""

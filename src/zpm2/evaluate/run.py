@@ -15,6 +15,8 @@ from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.evaluate.predicted_regions import PredictedRegions
 from zpm2.evaluate.report import Row
+from zpm2.files.keys import code
+from zpm2.pipeline import plugin_code
 from zpm2.pose import PoseFinder, PoseResult
 from zpm2.result import MatchResult
 from zpm2.runtime import resolve_device
@@ -79,7 +81,10 @@ class Evaluation:
     def _predict(self, pairs: Sequence[EvalPair], out: Path, tell: Callable[[str], None]) -> None:
         kept = PredictedRegions(self.regions) if self.regions else None
         source = str(self.regions.resolve()) if self.regions else None
-        predictions.PredictionSettings(self.dataset, self.split, self.method, self.config.to_dict(), source).claim(out)
+        made_by = "-".join([code(), *plugin_code(self.config)])
+        predictions.PredictionSettings(
+            self.dataset, self.split, self.method, self.config.to_dict(), source, code=made_by
+        ).claim(out)
         posed = _posed(self.config) if self.method == "zpm2" else lambda pair, result: None
         matcher = functools.partial(_matcher, self.method, self.config, kept)
         predictions.predict(pairs, matcher, out, tell, posed, self.regions)

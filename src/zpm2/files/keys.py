@@ -4,6 +4,7 @@ import functools
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -49,8 +50,19 @@ def fingerprint(file: str | Path) -> str:
 @functools.cache
 def code() -> str:
     """A hash of the source files of this package, worked out once in a process."""
-    package = Path(__file__).parents[1]
+    return _code_in(Path(__file__).parents[1])
+
+
+def code_of(module: str) -> str:
+    """The same of the package that an imported module belongs to; of its one file, where it is in no package. Nothing
+    for a module without files."""
+    found = sys.modules.get(module.partition(".")[0])
+    places = [] if found is None else [*getattr(found, "__path__", [])] or [getattr(found, "__file__", None) or ""]
+    return "-".join(_code_in(Path(place)) for place in sorted(places) if place)
+
+
+def _code_in(place: Path) -> str:
     digest = hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
-        digest.update(f"{file.relative_to(package).as_posix()}\0".encode() + file.read_bytes())
+    for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+        digest.update(f"{file.relative_to(place).as_posix()}\0".encode() + file.read_bytes())
     return digest.hexdigest()[:16]

@@ -1,14 +1,11 @@
 """The file formats of a result, by name: the one list that `MatchResult.save`, `--format` and its completion read.
 
 Each module in `formats/writers/` registers its format, so a new one is one new file there. A format of your own may
-live anywhere: call `register` before you save.
+live anywhere (`zpm2.plugins`): call `register` before you save, or offer it to all who install your package.
 """
 
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +14,7 @@ from numpy.typing import NDArray
 
 from zpm2.errors import ConfigError, Failed
 from zpm2.model import ImagePolygons, PointMatches, PolygonMatch
+from zpm2.plugins import Registry, module_of
 
 
 class PairResult(Protocol):
@@ -60,39 +58,35 @@ class OutputFormat:
     by_default: Callable[[PairResult], bool] | None = None
 
 
-_FORMATS: dict[str, OutputFormat] = {}
+def _adopted(name: str, value: Any) -> OutputFormat:
+    if not isinstance(value, OutputFormat):
+        raise ConfigError(f"format '{name}' is a {type(value).__name__}: give an OutputFormat (zpm2.formats.registry)")
+    return value
+
+
+FORMATS: Registry[OutputFormat] = Registry("format", "formats", "zpm2.formats", "zpm2.formats.writers", _adopted)
 
 
 def register(output_format: OutputFormat) -> OutputFormat:
-    """Adds a format, in the place of one of the same name."""
-    _FORMATS[output_format.name] = output_format
+    """Adds a format. `ValueError` for a taken name."""
+    FORMATS.register(output_format.name, output_format, output_format, module_of(output_format.write))
     return output_format
 
 
 def known() -> list[OutputFormat]:
-    """All formats, by name."""
-    _import_writers()
-    return [_FORMATS[name] for name in sorted(_FORMATS)]
+    """All formats that can be used."""
+    return FORMATS.values()
 
 
 def names() -> list[str]:
-    """The names of all formats, sorted."""
-    return [each.name for each in known()]
+    """The names of all formats."""
+    return FORMATS.names()
 
 
 def chosen(names: Sequence[str]) -> list[OutputFormat]:
-    """The formats of these names, with their packages there. `ConfigError` for an unknown name, `MissingDependency`."""
-    by_name = {each.name: each for each in known()}
-    for name in names:
-        if name not in by_name:
-            raise ConfigError(f"unknown format '{name}'; formats are: {', '.join(by_name)}")
-        by_name[name].check()
-    return [by_name[name] for name in by_name if name in names]
-
-
-@cache
-def _import_writers() -> None:
-    from zpm2.formats import writers
-
-    for module in pkgutil.iter_modules(writers.__path__):
-        importlib.import_module(f"{writers.__name__}.{module.name}")
+    """The formats of these names, each once, with their packages there. `ConfigError` for an unknown name,
+    `MissingDependency`."""
+    found = [FORMATS.get(name) for name in dict.fromkeys(names)]
+    for each in found:
+        each.check()
+    return found

@@ -24,7 +24,8 @@ PICTURES = ("overlay.png", "unmatched.png", "contact.png")
 
 def file_names(formats: Sequence[str] = ()) -> list[str]:
     """The names of all files that `save` may write."""
-    written = [each for each in registry.known() if each.by_default is not None or each.name in formats]
+    written = [each for each in registry.known() if each.by_default is not None]
+    written += [each for each in map(registry.FORMATS.get, formats) if each not in written]
     return [*(name for each in written for name in each.files), *PICTURES, DOCUMENT]
 
 
@@ -38,9 +39,9 @@ def save(
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
     folder = claim(directory, file_names(formats), photographs)
-    for each in registry.known():
-        if each in asked or (each.by_default is not None and each.by_default(result)):
-            each.write(result, folder)
+    usual = [each for each in registry.known() if each.by_default is not None and each.by_default(result)]
+    for each in [*usual, *(each for each in asked if each not in usual)]:
+        each.write(result, folder)
     for name, pixels in pictures.items():
         png = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
         atomic_write(folder / name, png.tobytes())

@@ -13,6 +13,7 @@ from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatc
 from zpm2.model.messages import about
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
+from zpm2.segment import registry
 from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
 
 
@@ -42,7 +43,7 @@ class PairRegions:
 class RegionFinder:
     """Loads the segmenter and finds the polygons of both images.
 
-    The arguments are those of `PairMatcher`. `given` is True for a segmenter other than the configured SAM. Threads
+    The arguments are those of `PairMatcher`. `given` is True for a segmenter other than the configured one. Threads
     that use one finder take turns by its `lock`.
     """
 
@@ -56,18 +57,18 @@ class RegionFinder:
         self.config, self.progress, self.say = config, progress, say
         self._segmenters = segmenter if isinstance(segmenter, tuple) or segmenter is None else (segmenter, segmenter)
         self.given = segmenter is not None
+        if not self.given:
+            registry.check_segmenter(config.segment)
         self._sides_done = 0
         self.lock = ForkAwareLock()
 
     def load(self) -> tuple[Segmenter, Segmenter]:
-        """The segmenters of the left and the right image. SAM is loaded at the first call, if no other was given."""
+        """The segmenters of the left and the right image. The configured one is loaded at the first call,
+        if no other was given."""
         if self._segmenters is None:
-            from zpm2.segment.sam import SamSegmenter
-
             device = resolve_device(self.config.device)
-            sam = SamSegmenter(self.config.segment, device, self.say, self._detect_progress, self.download)
-            sam.load()  # now, so that the time counts as loading
-            self._segmenters = (sam, sam)
+            made = registry.create(self.config.segment, device, self.say, self._detect_progress, self.download)
+            self._segmenters = (made, made)
         return self._segmenters
 
     def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "PairRegions":

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.checks import MIN_SIDE
 from zpm2.photos.source import Source, reduced
-from zpm2.pipeline import PairMatcher
+from zpm2.pipeline import PairMatcher, plugin_code
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
@@ -115,7 +116,10 @@ class TiledRun:
         name = "/".join([*(segmenter.name for segmenter in segmenters), *([self.points.name] if self.points else [])])
         regions = [segmenter.path for segmenter in segmenters if isinstance(segmenter, PrecomputedSegmenter)]
         values = self.matcher.config.to_dict()
-        return TileCache(self.cache, key(self.sources, {stage: values[stage] for stage in STAGES}, name, regions))
+        used: dict[str, Any] = {stage: values[stage] for stage in STAGES} | {
+            "plugins": plugin_code(self.matcher.config)
+        }
+        return TileCache(self.cache, key(self.sources, used, name, regions))
 
     def _regions(self, tiles: Sequence[Tile], config: Config) -> tuple[StitchedRegions, StitchedRegions]:
         first, second = self.matcher.segmenters()

@@ -1,7 +1,6 @@
-"""Data sets by name.
+"""Data sets by name (`zpm2.plugins`): the files of this folder, and those of other packages.
 
-A loader registers itself where it is defined. The files of this folder are found because they lie here; a file from
-elsewhere takes part once it is imported:
+A loader registers itself where it is defined:
 
     @dataset("mine", truth="pose", splits=("train", "test"))
     def pairs(root: Path, split: str | None) -> Iterator[EvalPair]: ...
@@ -9,7 +8,7 @@ elsewhere takes part once it is imported:
 
 import inspect
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.pairs import Dataset, EvalPair
+from zpm2.plugins import Registry, module_of
 
 Loader = Callable[..., Iterator[EvalPair]]  # (root, split, *, options)
 
@@ -31,32 +31,36 @@ class DatasetFormat:
     splits: tuple[str, ...] | None  # their names; None where they are named by the data
 
 
-_DATASETS: dict[str, DatasetFormat] = {}
-DATASETS: Mapping[str, DatasetFormat] = _DATASETS
+def _adopted(name: str, value: Any) -> DatasetFormat:
+    if not callable(value):
+        raise ConfigError(f"data set '{name}' is a {type(value).__name__}: give a function of a root and a split")
+    return DatasetFormat(name, value, "unknown", None)
+
+
+DATASETS: Registry[DatasetFormat] = Registry(
+    "data set", "data sets", "zpm2.datasets", "zpm2.evaluate.datasets", _adopted
+)
 
 
 def dataset(name: str, *, truth: str, splits: tuple[str, ...] | None = None) -> Callable[[Loader], Loader]:
     """Register the loader of the data set `name`, see `DatasetFormat`. `ValueError` for a taken name."""
 
     def register(load: Loader) -> Loader:
-        if name in _DATASETS:
-            raise ValueError(f"two data sets have the name '{name}'")
-        _DATASETS[name] = DatasetFormat(name, load, truth, splits)
+        DATASETS.register(name, DatasetFormat(name, load, truth, splits), load, module_of(load))
         return load
 
     return register
 
 
 def open_dataset(name: str, root: str | Path, split: str | None = None, **options: Any) -> Dataset:
-    """The data set `name` (one of `DATASETS`) in the folder `root`. No file is read yet.
+    """The data set `name` (one of `DATASETS`, or package.module:function) in the folder `root`. No file is read yet.
 
     docs/datasets.md shows the files that each one needs.
 
     split: a part of it, None for the usual one or for all; options: those of its loader, as `render` of sceneflow.
     `ConfigError` for a name, split or option that does not exist, `InputError` where `root` is no folder.
     """
-    _known("data set", name, tuple(DATASETS))
-    chosen = DATASETS[name]
+    chosen = DATASETS.get(name)
     if split is not None and chosen.splits is not None:
         _known(f"split of {name}", split, chosen.splits)
     parameters = inspect.signature(chosen.load).parameters.values()

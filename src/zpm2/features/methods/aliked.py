@@ -1,5 +1,6 @@
 """ALIKED (Zhao et al., IEEE TIM 2023) in three sizes, and LightGlue."""
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -7,10 +8,18 @@ from zpm2 import weights
 from zpm2.config import PointsConfig
 from zpm2.features.protocol import PointMatcher
 from zpm2.features.registry import point_matcher
+from zpm2.plugins import ModelInfo
 
 if TYPE_CHECKING:
     import torch
 
+INFO = ModelInfo(
+    task="points with a detector, LightGlue",
+    code_licence="Apache-2.0",
+    training_data="MegaDepth, and homographies",
+    input_size="1024 px, longer side",
+    bytes_per_pixel=2000.0,
+)
 MODELS = {"aliked": "n16", "aliked-n16rot": "n16rot", "aliked-n32": "n32"}  # as published, by our names
 
 
@@ -35,5 +44,5 @@ def aliked(name: str, config: PointsConfig, device: str, progress: weights.Progr
     return with_lightglue(name, extract, "aliked_lightglue", config, device, progress)
 
 
-for _name in MODELS:
-    point_matcher(_name, bytes_per_pixel=2000.0)(partial(aliked, _name))
+for _name, _model in MODELS.items():
+    point_matcher(_name, replace(INFO, weights=(f"aliked_{_model}", "aliked_lightglue")))(partial(aliked, _name))

@@ -6,12 +6,23 @@ from zpm2 import weights
 from zpm2.config import PointsConfig
 from zpm2.features.protocol import PointMatcher
 from zpm2.features.registry import point_matcher
+from zpm2.plugins import ModelInfo
 
 if TYPE_CHECKING:
     import torch
 
 
-@point_matcher("disk", bytes_per_pixel=2600.0)
+@point_matcher(
+    "disk",
+    ModelInfo(
+        task="points with a detector, LightGlue",
+        code_licence="Apache-2.0",
+        training_data="MegaDepth",
+        weights=("disk", "disk_lightglue"),
+        input_size="1024 px, longer side",
+        bytes_per_pixel=2600.0,
+    ),
+)
 def disk(config: PointsConfig, device: str, progress: weights.Progress | None) -> PointMatcher:
     """Maxima of 5 x 5 px, 128 values each, with the settings that LightGlue was trained for."""
     from kornia.feature import DISK

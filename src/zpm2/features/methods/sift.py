@@ -11,12 +11,23 @@ from zpm2.config import PointsConfig
 from zpm2.features.protocol import Features, PointMatcher, SparseMatcher
 from zpm2.features.registry import point_matcher
 from zpm2.model import Image
+from zpm2.plugins import ModelInfo
 from zpm2.weights import Progress
 
 ROWS_AT_ONCE = 1024  # of the distance matrix, to bound the memory
 
 
-@point_matcher("sift", bytes_per_pixel=240.0, full_size=True)
+@point_matcher(
+    "sift",
+    ModelInfo(
+        task="points with a detector, without weights",
+        code_licence="Apache-2.0",
+        training_data="none",
+        bytes_per_pixel=240.0,
+        full_size=True,
+        device="cpu",
+    ),
+)
 def sift(config: PointsConfig, device: str, progress: Progress | None) -> PointMatcher:
     """SIFT, always on the CPU."""
     return SparseMatcher(

@@ -6,6 +6,7 @@ from zpm2 import weights
 from zpm2.config import PointsConfig
 from zpm2.features.protocol import PointMatcher
 from zpm2.features.registry import point_matcher
+from zpm2.plugins import ModelInfo
 
 if TYPE_CHECKING:
     import torch
@@ -13,7 +14,17 @@ if TYPE_CHECKING:
 LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601: the network sees grey values
 
 
-@point_matcher("superpoint", bytes_per_pixel=2000.0)  # not measured: that of ALIKED
+@point_matcher(
+    "superpoint",
+    ModelInfo(
+        task="points with a detector, LightGlue",
+        code_licence="Apache-2.0",
+        training_data="synthetic shapes and COCO; LightGlue: MegaDepth",
+        weights=("superpoint", "superpoint_lightglue"),
+        input_size="1024 px, longer side",
+        bytes_per_pixel=2000.0,  # not measured: that of ALIKED
+    ),
+)
 def superpoint(config: PointsConfig, device: str, progress: weights.Progress | None) -> PointMatcher:
     """SuperPoint as published, on luma; 256 values each."""
     import torch
