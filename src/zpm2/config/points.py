@@ -60,6 +60,9 @@ class PointsConfig:
     max_size: int = number(
         1600, "the longer image side given to learned detectors; points come back in original px", unit="px", low=32
     )
+    trained_size: bool = option(
+        True, "no larger than the size that a matcher was trained for, where one is known (zpm2 models)"
+    )
     min_score: float = share(0.1, "the matcher's own")
     merge_px: float = number(1.0, "matches of two methods that are closer in both images are one", unit="px")
     blank_window: int = number(
@@ -85,5 +88,12 @@ class PointsConfig:
     superpoint_threshold: float = share(
         0.0005, "probability from which SuperPoint takes a point", source="that of LightGlue; published 0.015"
     )
+    loftr_threshold: float = share(
+        0.2, "confidence from which LoFTR and Efficient LoFTR take a pair of cells", source="published"
+    )
     rotated_retry: bool = option(False, "smaller and turned, where few points agree on one geometry")
     retry: RotatedRetryConfig = field(default_factory=RotatedRetryConfig)
+
+    def side(self, trained: int) -> int:
+        """Px, the longer image side given to a matcher that was trained for `trained` px (0: for any size)."""
+        return min(self.max_size, trained) if trained and self.trained_size else self.max_size
