@@ -141,9 +141,9 @@ class Registry(Generic[Part]):
         """The parts of `items`."""
         return [part for _, part in self.items()]
 
-    def loaded(self) -> list[Part]:
-        """The parts that registered themselves so far."""
-        return [each.part for each in self._parts.values()]
+    def holds(self, value: Any) -> bool:
+        """Whether that class, function or value has registered itself."""
+        return any(each.source is value for each in self._parts.values())
 
     def unknown(self, name: str, more: Sequence[str] = ()) -> ConfigError:
         """The error for a name that no part has. `more` names would have done, too."""
@@ -220,16 +220,7 @@ class Registry(Generic[Part]):
 
     def _at_path(self, path: str) -> _Registered[Part]:
         if path not in self._at_paths:
-            module, _, attribute = path.partition(":")
-            try:
-                value: Any = import_module(module)
-                for name in attribute.split("."):
-                    value = getattr(value, name)
-            except (Exception, SystemExit) as error:  # whatever another package may raise
-                raise ConfigError(
-                    f"{self.kind} '{path}' cannot be loaded: {_told(error)}; give package.module:Class of a module "
-                    "that Python finds (an installed one, or one in a folder of PYTHONPATH)"
-                ) from error
+            value = value_at(path, self.kind)
             self._at_paths[path] = self._of_value(path, value, DOTTED)
         return self._at_paths[path]
 
@@ -313,6 +304,22 @@ class Models(Registry[Model]):
         if not callable(value):
             raise ConfigError(f"{self.kind} '{name}' is a {type(value).__name__}: give a class, or a function")
         return Model(name, value)
+
+
+def value_at(path: str, kind: str) -> Any:
+    """What lies at a dotted path, "package.module:Class"; `ConfigError` that names the `kind` where it cannot be
+    loaded."""
+    module, _, attribute = path.partition(":")
+    try:
+        value: Any = import_module(module)
+        for name in attribute.split("."):
+            value = getattr(value, name)
+    except (Exception, SystemExit) as error:  # whatever another package may raise
+        raise ConfigError(
+            f"{kind} '{path}' cannot be loaded: {_told(error)}; give package.module:Class of a module that Python "
+            "finds (an installed one, or one in a folder of PYTHONPATH)"
+        ) from error
+    return value
 
 
 def module_of(source: Any) -> str:

@@ -54,10 +54,8 @@ def test_names_and_paths(run: Run) -> None:
     assert [row["name"] for row in listed(run, "zpm2.features.methods.sift:sift")] == [
         "zpm2.features.methods.sift:sift"
     ]
-    assert run("models", "sfit")[2].startswith(
-        "zpm2: unknown model 'sfit' (did you mean 'sift'?); models are: mobile_sam,"
-    )
-    assert "is neither a class with the method segment or match" in run("models", "json:dumps")[2]
+    assert run("models", "sfit")[2].startswith("zpm2: unknown model, data set or format 'sfit' (did you mean 'sift'?)")
+    assert "json:dumps is no plug-in: give a class with the method segment or match" in run("models", "json:dumps")[2]
 
 
 def test_a_model_is_measured_in_a_process_of_its_own(run: Run) -> None:

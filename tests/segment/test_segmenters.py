@@ -9,9 +9,11 @@ import numpy as np
 import PIL.Image
 import pytest
 from numpy.typing import NDArray
-from rendered import Pair, photograph
+from rendered import Pair
 
 from zpm2.config import SegmentConfig, VectorizeConfig
+from zpm2.contract import segmenters
+from zpm2.contract.segmenters import check_form
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask
 from zpm2.polygons.vectorize import vectorize
@@ -33,7 +35,7 @@ def make(request: pytest.FixtureRequest, tmp_path: Path) -> Maker:
     if request.param == "sam":
         sam = request.getfixturevalue("sam")
         return lambda image: sam
-    return lambda image: PrecomputedSegmenter(brightness_levels(image, tmp_path / "labels.png"))
+    return lambda image: PrecomputedSegmenter(brightness_levels(image, tmp_path / f"{id(image)}.png"))
 
 
 def brightness_levels(image: Image, path: Path) -> Path:
@@ -46,18 +48,6 @@ def flat(width: int, height: int, value: int = 120) -> NDArray[np.uint8]:
     return np.full((height, width, 3), value, np.uint8)
 
 
-def check_form(masks: list[Mask], image: Image) -> None:
-    for mask in masks:
-        height, width = mask.bits.shape
-        assert mask.bits.dtype == np.bool_
-        assert mask.area > 0
-        assert 0 <= mask.x0 <= mask.x0 + width <= image.width
-        assert 0 <= mask.y0 <= mask.y0 + height <= image.height
-        assert 0 <= mask.score <= 1
-        assert type(mask.x0) is type(mask.y0) is int
-        assert type(mask.score) is float
-
-
 def as_bytes(masks: list[Mask]) -> list[tuple[int, int, bytes, float]]:
     return [(m.x0, m.y0, m.bits.tobytes(), m.score) for m in masks]
 
@@ -66,6 +56,12 @@ def full(mask: Mask, image: Image) -> NDArray[np.bool_]:
     bits = np.zeros((image.height, image.width), bool)
     bits[mask.y0 : mask.y0 + mask.bits.shape[0], mask.x0 : mask.x0 + mask.bits.shape[1]] = mask.bits
     return bits
+
+
+@pytest.mark.parametrize("check", segmenters.CHECKS)
+def test_contract(make: Maker, check: str) -> None:
+    """What the author of a plug-in runs, `python -m zpm2.contract`."""
+    segmenters.CHECKS[check](make)
 
 
 def test_regions_of_a_scene(make: Maker, pair: Pair) -> None:
@@ -78,27 +74,6 @@ def test_regions_of_a_scene(make: Maker, pair: Pair) -> None:
     polygons = vectorize(masks, VectorizeConfig(), 100.0, (image.width, image.height))
     assert len(polygons) >= 4
     assert all(p.shape.is_valid for p in polygons)
-
-
-def test_same_bytes_again(make: Maker, pair: Pair) -> None:
-    """Also when another picture came between."""
-    image = Image(pair.scene.left)
-    segmenter = make(image)
-    first = as_bytes(segmenter.segment(image))
-    if isinstance(segmenter, SamSegmenter):
-        segmenter.segment(Image(pair.scene.right))
-    assert as_bytes(segmenter.segment(image)) == first
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "plain"),
-    [(32, 32, False), (90, 60, True), (1200, 40, False), (40, 1200, False)],
-)
-def test_small_thin_and_uniform_pictures(make: Maker, width: int, height: int, plain: bool) -> None:
-    image = Image(flat(width, height) if plain else photograph(3, width, height))
-    masks = make(image).segment(image)
-    check_form(masks, image)
-    vectorize(masks, VectorizeConfig(), 100.0, (width, height))
 
 
 def test_precomputed_regions_of_another_size_are_refused(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ from time import perf_counter
 
 from zpm2 import weights
 from zpm2.config import preset
-from zpm2.errors import ConfigError, Zpm2Error, did_you_mean
+from zpm2.errors import ConfigError, Zpm2Error
+from zpm2.evaluate.kinds import kind_of
 from zpm2.evaluate.predictions import peak_mb
 from zpm2.features.registry import METHODS
 from zpm2.plugins import ModelInfo, Models
@@ -98,29 +99,10 @@ def measure_here(kind: str, name: str) -> Measured:
 
 
 def _kind(name: str) -> str:
-    if ":" in name:
-        return _kind_at(name)
-    for kind, models in REGISTRIES.items():
-        if name in models:
-            return kind
-    known = [each for models in REGISTRIES.values() for each in models]
-    raise ConfigError(f"unknown model '{name}'{did_you_mean(name, known)}; models are: {', '.join(known)}")
-
-
-def _kind_at(path: str) -> str:
-    """The kind of what lies at a dotted path: by how it registered itself, else by what a class can do."""
-    build = SEGMENTERS.get(path).build
-    for kind, models in REGISTRIES.items():
-        if any(model.build is build for model in models.loaded()):
-            return kind
-    methods = {"segmenter": "segment", "point matcher": "match"}
-    kinds = [kind for kind, method in methods.items() if isinstance(build, type) and hasattr(build, method)]
-    if len(kinds) != 1:
-        raise ConfigError(
-            f"{path} is neither a class with the method segment or match, nor registered by @segmenter or "
-            "@point_matcher: do one of these"
-        )
-    return kinds[0]
+    kind = kind_of(name)
+    if kind not in REGISTRIES:
+        raise ConfigError(f"'{name}' is a {kind}: give segmenters and point matchers, or --all without names")
+    return kind
 
 
 def _row(kind: str, name: str) -> ModelRow:
