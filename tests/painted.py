@@ -8,8 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Image, Mask
+from zpm2.segment.mask_view import decoded_size, upsample
 from zpm2.segment.predictions import CORNER, MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import SamView, decoded_size, upsample
+from zpm2.segment.sam import SamView
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,7 @@ class PaintedView:
     asked: list[tuple[float, float]] = field(default_factory=list)  # every point ever asked, image px
 
     def __post_init__(self) -> None:
-        self.scale = 1024 / max(self.image.width, self.image.height)
-        self.mask_scale = self.scale / 4
+        self.mask_scale = MASK_SIDE / max(self.image.width, self.image.height)
         self.size = decoded_size(self.image)
         self.bits = self.cover(np.array([region.shape for region in self.regions], object))
 
@@ -67,7 +67,7 @@ class PaintedView:
         for logits, score in zip(predictions.logits, predictions.score, strict=True):
             rows, columns = np.flatnonzero((logits > 0).any(1)), np.flatnonzero((logits > 0).any(0))
             box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
-            found.append(upsample(logits, box, self.image, self.scale, float(score)))
+            found.append(upsample(logits, box, self.image, self.mask_scale, float(score)))
         return found
 
 

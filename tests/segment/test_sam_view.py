@@ -7,8 +7,9 @@ from rendered import Pair
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image
+from zpm2.segment.mask_view import decoded_size
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import SamSegmenter, SamView, decoded_size
+from zpm2.segment.sam import SamSegmenter, SamView
 
 pytestmark = pytest.mark.weights
 

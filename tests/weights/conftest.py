@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from loopback import CONTENT, HUB, WHEEL, Server, serve, tiny
 
-from zpm2.weights import Entry, carriers, fetch
+from zpm2.weights import Entry, carriers, fetch, npm
 
 
 @pytest.fixture
@@ -28,6 +28,9 @@ def own_environment(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setenv("HF_ENDPOINT", "http://127.0.0.1:9")  # nobody listens there
     monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple/")
+    for name in ("NPM_CONFIG_REGISTRY", "npm_config_cafile", "NPM_CONFIG_CAFILE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("npm_config_registry", "http://127.0.0.1:9/")
     monkeypatch.setattr(fetch, "_hub_rests_until", 0.0)
 
 
@@ -36,6 +39,14 @@ def registry(server: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
     """The server as pip's index. pip itself is not asked: that takes half a second."""
     monkeypatch.setenv("PIP_INDEX_URL", f"{server.address}/simple/")
     monkeypatch.setattr(carriers, "_pip_files", dict)
+    return server
+
+
+@pytest.fixture
+def npm_registry(server: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
+    """The server as npm's registry. npm itself is not asked."""
+    monkeypatch.setenv("npm_config_registry", server.address)
+    monkeypatch.setattr(npm, "_npm_settings", lambda names: {})
     return server
 
 

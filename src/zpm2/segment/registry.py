@@ -12,6 +12,7 @@ A class or function makes one, with its networks loaded. It may have the paramet
 from collections.abc import Callable
 
 from zpm2.config import SegmentConfig
+from zpm2.errors import WeightsError
 from zpm2.plugins import Maker, ModelInfo, Models
 from zpm2.segment.protocol import Segmenter
 from zpm2.weights import Progress
@@ -24,6 +25,8 @@ SEGMENTERS = Models(
     given=("config", "device", "say", "progress", "download"),
     options_key="segment.options",
 )
+
+NO_WEIGHTS = "classical"  # the segmenter that works without any
 
 
 def segmenter(name: str, info: ModelInfo | None = None) -> Callable[[Maker], Maker]:
@@ -47,5 +50,8 @@ def create(
     weights cannot be had."""
     check_segmenter(config)
     given = {"config": config, "device": device, "say": say, "progress": progress, "download": download}
-    made: Segmenter = SEGMENTERS.build(config.model, given, config.options)
+    try:
+        made: Segmenter = SEGMENTERS.build(config.model, given, config.options)
+    except WeightsError as error:
+        raise WeightsError(f"{error}; without any weights: --segmenter {NO_WEIGHTS} --points sift") from error
     return made

@@ -8,17 +8,15 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
-from zpm2.errors import InputError
-from zpm2.model import Image, Mask, thin
-from zpm2.polygons.rasterize import rasterize_stack
+from zpm2.model import Image, Mask
 from zpm2.runtime import ForkAwareLock
-from zpm2.segment import automatic, suppression
-from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment import automatic
+from zpm2.segment.mask_view import MaskView
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam_backend import SamBackend, open_backend
 
 ENCODER_SIDE = 1024  # px, the square that the image encoder sees
@@ -71,20 +69,13 @@ class SamSegmenter:
         return [mask for mask in found if mask.area >= self.config.min_area]
 
 
-class SamView:
+class SamView(MaskView):
     """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView`."""
 
     def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
-        if thin(image.width, image.height):
-            shorter = round(ENCODER_SIDE * min(image.width, image.height) / max(image.width, image.height))
-            raise InputError(
-                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see "
-                f"{ENCODER_SIDE} x {shorter}: match it in tiles (--tiles on)"
-            )
-        self.backend, self.image, self.config, self.batch = backend, image, config, backend.batch
+        super().__init__(image, ENCODER_SIDE)
+        self.backend, self.config, self.batch = backend, config, backend.batch
         self.scale = ENCODER_SIDE / max(image.width, image.height)  # px of the square per image px
-        self.mask_scale = self.scale * MASK_SIDE / ENCODER_SIDE  # px of a decoded mask per image px
-        self.size = decoded_size(image)
         with NETWORK_LOCK:
             self.parts = backend.image(encoder_input(image, self.scale))
 
@@ -118,25 +109,6 @@ class SamView:
         prompt = start + rows[np.nonzero(good)[0][keep]]
         return MaskPredictions(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
 
-    def cover(self, shapes: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """(n,) polygons in image px -> (n, height, width) pixels of a decoded mask inside each."""
-        scaled = shapely.transform(shapes, lambda xy: xy * self.mask_scale)
-        return rasterize_stack(np.asarray(scaled, object), self.size[::-1])
-
-    def masks(self, predictions: MaskPredictions) -> list[Mask]:
-        """Each mask at the image's resolution, without pixels that hold no data."""
-        if len(predictions) == 0:
-            return []
-        each = zip(predictions.logits, suppression.boxes(predictions.bits), predictions.score, strict=True)
-        found = (upsample(logits, box, self.image, self.scale, float(min(score, 1.0))) for logits, box, score in each)
-        return [mask.within(self.image.valid) for mask in found]
-
-
-def decoded_size(image: Image) -> tuple[int, int]:
-    """(height, width) px of a decoded mask: the image with MASK_SIDE px along its longer side."""
-    height, width = -(-np.array([image.height, image.width]) * MASK_SIDE // max(image.width, image.height))
-    return int(height), int(width)
-
 
 def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
     """(1, 3, 1024, 1024): the image resized by `scale`, normalised, padded with zeros at the right and bottom."""
@@ -146,21 +118,3 @@ def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
     square = np.zeros((1, 3, ENCODER_SIDE, ENCODER_SIDE), np.float32)
     square[0, :, :h, :w] = ((small - MEAN) / STD).transpose(2, 0, 1)
     return square
-
-
-def upsample(logits: NDArray[np.float16], box: NDArray[np.int64], image: Image, scale: float, score: float) -> Mask:
-    """A decoded mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
-    size = ENCODER_SIDE / MASK_SIDE / scale  # image px of one low-resolution pixel
-    x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
-    x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])
-    if x1 <= x0 or y1 <= y0:
-        return Mask(0, 0, np.zeros((1, 1), bool), score)
-    to_low = np.array([[1 / size, 0, (x0 + 0.5) / size - 0.5], [0, 1 / size, (y0 + 0.5) / size - 0.5]])
-    fine = cv2.warpAffine(
-        logits.astype(np.float32),
-        to_low,
-        (int(x1 - x0), int(y1 - y0)),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return Mask(int(x0), int(y0), fine > 0, score)

@@ -15,7 +15,7 @@ from zpm2.runtime import mark_networks_loaded
 from zpm2.weights import licence
 from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
-from zpm2.weights.store import Progress, Status, cache_dir, find, status
+from zpm2.weights.store import Progress, Status, cache_dir, find, pinned, status
 from zpm2.weights.strict import load_into
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ __all__ = [
     "converted",
     "entry",
     "get",
+    "hash_note",
     "load_into",
     "load_state_dict",
     "locate",
@@ -67,6 +68,17 @@ def locate(name: str, *, directory: str | Path | None = None) -> Path:
     if path is None:
         raise _not_here(name)
     return path
+
+
+def hash_note(name: str, path: Path) -> str | None:
+    """What to tell the user of a file whose hash the manifest does not know; None of all others."""
+    item = entry(name)
+    if item.hash_known:
+        return None
+    known = pinned(item)
+    if path.parent != cache_dir() or not known.hash_known:
+        return f"zpm2 does not know the hash of {item.file}: your copy was taken as it is"
+    return f"zpm2 does not know the hash of {item.file}: it is the one that came into the cache, sha256 {known.sha256}"
 
 
 def verify(name: str, *, directory: str | Path | None = None) -> Path:

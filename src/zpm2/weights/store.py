@@ -12,11 +12,12 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from zpm2.errors import OutputError, WeightsError
-from zpm2.files.reading import read_json
+from zpm2.files.reading import WRONG, read_json
 from zpm2.weights.manifest import MANIFEST, Entry
 
 Progress = Callable[[int, int], None]  # (bytes done, bytes in all)
@@ -65,9 +66,30 @@ def status(directory: str | Path | None = None) -> list[Status]:
     """Every entry of the manifest and where a file of its name and size lies. Nothing is hashed."""
     places = folders(directory)
     return [
-        Status(item, next((p for p in (f / item.file for f in places) if _has_size(p, item.size)), None))
+        Status(item, next((p for p in (f / item.file for f in places) if _has_size(p, pinned(item).size)), None))
         for item in MANIFEST
     ]
+
+
+def pinned(item: Entry) -> Entry:
+    """The entry with the size and hash that its file in the cache had when it came there, where we know neither."""
+    if item.hash_known:
+        return item
+    try:
+        values = read_json(_pin_path(item))
+        return replace(item, size=int(values["size"]), sha256=str(values["sha256"]))
+    except OSError:
+        return item
+    except WRONG:
+        raise WeightsError(f"{_pin_path(item)} is damaged: remove it and {item.file}, to fetch that again") from None
+
+
+def pin(known: Entry) -> None:
+    """Remember the size and hash of a file in the cache, where the manifest has neither."""
+    from zpm2.files.writing import atomic_write
+
+    with writing(known):
+        atomic_write(_pin_path(known), json.dumps({"size": known.size, "sha256": known.sha256}))
 
 
 def find(item: Entry, directory: str | Path | None = None, *, rehash: bool = False) -> Path | None:
@@ -81,7 +103,7 @@ def find(item: Entry, directory: str | Path | None = None, *, rehash: bool = Fal
     for path in (folder / item.file for folder in places):
         try:
             if path.is_file():
-                _check(item, path, rehash)
+                _check_known(item, path, rehash)
                 return path
         except BadCopy as reason:
             if rehash or path.parent != cache_dir():
@@ -143,6 +165,16 @@ def writing(item: Entry) -> Iterator[None]:
         ) from error
 
 
+def _check_known(item: Entry, path: Path, rehash: bool) -> None:
+    """`_check` against what is known. A file in the cache of which nothing is known is remembered as it is; the user's
+    own copy of such a file is the user's word."""
+    known = pinned(item)
+    if item.hash_known or (path.parent == cache_dir() and known.hash_known):
+        _check(known, path, rehash)
+    elif path.parent == cache_dir():
+        pin(replace(item, size=path.stat().st_size, sha256=sha256_of(path)))
+
+
 def _check(item: Entry, path: Path, rehash: bool) -> None:
     """Raise `BadCopy` unless the file is the manifest's; hash it unless its marker still holds."""
     if not rehash and _marker(item) == _fingerprint(item, path):
@@ -166,12 +198,17 @@ def sha256_of(path: Path) -> str:
 
 
 def _has_size(path: Path, size: int) -> bool:
-    return path.is_file() and path.stat().st_size == size
+    """Whether there is a file of that size, of any for 0."""
+    return path.is_file() and size in (0, path.stat().st_size)
 
 
 def _fingerprint(item: Entry, path: Path) -> dict[str, str | int]:
     stat = path.stat()
     return {"path": str(path.resolve()), "size": stat.st_size, "mtime_ns": stat.st_mtime_ns, "sha256": item.sha256}
+
+
+def _pin_path(item: Entry) -> Path:
+    return cache_dir() / f"{item.file}.pinned.json"
 
 
 def _marker_path(item: Entry) -> Path:

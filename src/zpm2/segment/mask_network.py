@@ -1,0 +1,139 @@
+"""Promptable networks that come whole: an image is encoded once, and prompts in batches give masks with scores.
+
+SAM 2 and its relatives run like this, each with one file in `methods`. (`sam` is the first SAM, cut into pieces of its
+own for speed.) A network says how it wants to see a photograph (`Sight`); all else is here.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.config import SegmentConfig
+from zpm2.model import Image, Mask
+from zpm2.segment import automatic
+from zpm2.segment.mask_view import MaskView
+from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.sam import MEAN, NETWORK_LOCK, STD
+
+Array = NDArray[np.float32]
+MAX_LOGIT = 60.0  # beyond which a logit says nothing more; fits into 16 bits
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How a network sees a photograph: in a square, of which R, G and B (0..255) are normalised."""
+
+    side: int  # px of the square
+    stretched: bool  # over the whole square; else in its upper left corner at its own proportions, over zeros
+    mean: tuple[float, float, float] = (float(MEAN[0]), float(MEAN[1]), float(MEAN[2]))
+    std: tuple[float, float, float] = (float(STD[0]), float(STD[1]), float(STD[2]))
+
+    def scale(self, image: Image) -> NDArray[np.float64]:
+        """(2,) px of the square per image px, along x and y."""
+        size = np.array([image.width, image.height], float)
+        return self.side / (size if self.stretched else np.full(2, size.max()))
+
+    def pixels(self, image: Image) -> Array:
+        """(1, 3, side, side) the photograph as the network takes it."""
+        scale = self.scale(image)
+        w, h = np.clip(np.round(scale * [image.width, image.height]).astype(int), 1, self.side)
+        how = cv2.INTER_AREA if scale.min() < 1 else cv2.INTER_LINEAR
+        small = cv2.resize(image.rgb, (int(w), int(h)), interpolation=how).astype(np.float32)
+        square = np.zeros((1, 3, self.side, self.side), np.float32)
+        square[0, :, :h, :w] = (
+            (small - np.asarray(self.mean, np.float32)) / np.asarray(self.std, np.float32)
+        ).transpose(2, 0, 1)
+        return square
+
+
+class MaskNetwork(Protocol):
+    """An image encoder, and a decoder of prompts into masks."""
+
+    sight: Sight
+    batch: int  # prompts at a time, at most
+
+    def encode(self, pixels: Array) -> Any:
+        """(1, 3, side, side) -> what `decode` needs of the photograph."""
+
+    def decode(self, encoded: Any, points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Prompts as points (B, P, 2), px of the square from its outer corner, with labels (P,) as in `predictions` ->
+        predicted IoU (B, M), 0..1, and logits (B, M, m, m) over the whole square."""
+
+
+class NetworkView(MaskView):
+    """One photograph as a `MaskNetwork` sees it, encoded once. Implements `PromptedView`."""
+
+    def __init__(self, network: MaskNetwork, image: Image, config: SegmentConfig) -> None:
+        super().__init__(image, network.sight.side)
+        self.network, self.config, self.batch = network, config, network.batch
+        self.scale = network.sight.scale(image)
+        with NETWORK_LOCK:
+            self.encoded = network.encode(network.sight.pixels(image))
+
+    def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of each prompt that reach `thresholds`."""
+        starts = range(0, len(prompts), self.batch)
+        found = [self._predict_batch(prompts[s : s + self.batch], s, thresholds) for s in starts]
+        return MaskPredictions.join([MaskPredictions.none(self.size), *found])
+
+    def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
+        points = np.asarray(prompts.points * self.scale, np.float32)
+        with NETWORK_LOCK:
+            iou, squares = self.network.decode(self.encoded, points, prompts.labels)
+        good = iou >= thresholds.predicted_iou
+        if not good.any():
+            return MaskPredictions.none(self.size)
+        logits, score = self._in_proportion(squares[good]), iou[good]
+        inner = (logits > self.config.stability_offset).sum((1, 2))
+        outer = (logits > -self.config.stability_offset).sum((1, 2))
+        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
+        keep = (stability >= thresholds.stability) & (inner > 0)
+        prompt = start + np.nonzero(good)[0][keep]
+        small = np.clip(logits[keep], -MAX_LOGIT, MAX_LOGIT).astype(np.float16)
+        return MaskPredictions(prompt, score[keep].astype(np.float32), stability[keep], small)
+
+    def _in_proportion(self, squares: Array) -> Array:
+        """(n, m, m) logits over the square -> (n, height, width) of the photograph in its own proportions."""
+        height, width = self.size
+        if squares.shape[1] == MASK_SIDE and np.allclose(self.scale, self.scale.max()):
+            return np.ascontiguousarray(squares[:, :height, :width])
+        x, y = self.scale / self.mask_scale * squares.shape[1] / self.network.sight.side  # their px per px of ours
+        to_square = np.array([[x, 0, x / 2 - 0.5], [0, y, y / 2 - 0.5]])
+        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        each = (
+            cv2.warpAffine(square, to_square, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE)
+            for square in squares
+        )
+        return np.stack([np.asarray(logits, np.float32) for logits in each])
+
+
+class NetworkSegmenter:
+    """A `MaskNetwork` behind the `PromptedSegmenter` protocol.
+
+    `notes` tell the user how it runs. `progress` receives the share of an image's prompts that is done, 0..1.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        config: SegmentConfig,
+        network: MaskNetwork,
+        notes: Sequence[str] = (),
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        self.name, self.config, self.network = name, config, network
+        self.notes, self.progress = list(notes), progress
+
+    def view(self, image: Image) -> NetworkView:
+        """The photograph, encoded."""
+        return NetworkView(self.network, image, self.config)
+
+    def segment(self, image: Image) -> list[Mask]:
+        """The regions, best score first."""
+        view = self.view(image)
+        found = view.masks(automatic.automatic_masks(view, self.config, progress=self.progress))
+        return [mask for mask in found if mask.area >= self.config.min_area]
