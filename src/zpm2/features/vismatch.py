@@ -65,6 +65,8 @@ class VismatchMatcher:
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`. At most `config.max_keypoints`, those of the best scores."""
         frames = [frame(side, self.config, "cpu") for side in (left, right)]
+        if not all(side.useful.any() for side in frames):
+            return PointMatches.empty()  # many of its matchers fail where there is nothing to see
         pixels = [_pixels(side) for side in frames]
         question = {"shapes": [each.shape[:2] for each in pixels]}
         try:
