@@ -19,6 +19,7 @@ INFO = ModelInfo(
     weights=("efficientloftr",),
     input_size="832 px, longer side",
     longest_side=832,
+    bytes_per_pixel=4000.0,  # at that size; it grows with the fourth power of the side
     extra="hf",
     packages=("transformers", "safetensors"),
 )

@@ -20,6 +20,7 @@ OUTDOOR = ModelInfo(
     weights=("loftr_outdoor",),
     input_size="840 px, longer side",
     longest_side=840,
+    bytes_per_pixel=3300.0,  # at that size; it grows with the fourth power of the side
 )
 MODELS = {
     "loftr-outdoor": OUTDOOR,
