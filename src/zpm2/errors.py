@@ -34,6 +34,10 @@ class OutputError(Zpm2Error):
     """A result cannot be written."""
 
 
+class PointMatcherError(Zpm2Error):
+    """A point matcher that runs in a process of its own has stopped; the message holds its last words."""
+
+
 class ForkError(Zpm2Error):
     """Networks are used in a process that was forked after they were loaded."""
 

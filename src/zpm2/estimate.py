@@ -8,7 +8,7 @@ SIFT: 12).
 from collections.abc import Sequence
 
 from zpm2 import memory
-from zpm2.config import Config
+from zpm2.config import Config, PointsConfig
 from zpm2.features import METHODS
 from zpm2.segment.registry import SEGMENTERS
 
@@ -31,7 +31,7 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
     """Bytes for a pair matched as a whole. own_regions: no network segments."""
     areas = [width * height for width, height in sizes]
     networks = 0.0 if own_regions else max(_regions(config.segment.model, size) for size in sizes)
-    points = [_points(name, config.points.max_size, size) for name in config.points.methods for size in sizes]
+    points = [_points(name, config.points, size) for name in config.points.methods for size in sizes]
     each = MEMORY["pixel"] + (MEMORY["full"] if config.segment.quality == "full" and not own_regions else 0.0)
     return MEMORY["program"] + max(networks, *points) + each * sum(areas)
 
@@ -62,13 +62,13 @@ def _regions(segmenter: str, size: Size) -> float:
     return info.working_bytes + info.bytes_per_pixel * size[0] * size[1]
 
 
-def _points(method: str, max_size: int, size: Size) -> float:
+def _points(method: str, config: PointsConfig, size: Size) -> float:
     """Bytes for the points of one photograph; 0 for a method of the caller's own."""
     if method not in METHODS:
         return 0.0
     known = METHODS.get(method).info
-    reduction = 1.0 if known.full_size else min(1.0, max_size / max(size))
-    return known.bytes_per_pixel * size[0] * size[1] * reduction**2
+    reduction = 1.0 if known.full_size else min(1.0, config.side(known.longest_side) / max(size))
+    return known.working_bytes + known.bytes_per_pixel * size[0] * size[1] * reduction**2
 
 
 def _text(sizes: Sequence[Size]) -> str:

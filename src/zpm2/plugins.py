@@ -47,6 +47,7 @@ class ModelInfo:
     input_size: str = "any"  # the size of image that it was trained for
     bytes_per_pixel: float = 0.0  # memory at its peak, for each pixel of a photograph as it sees it; 0: not measured
     working_bytes: float = 0.0  # the same, whatever the size of the photograph
+    longest_side: int = 0  # points: px, the longer side that it was trained for, see `PointsConfig.side`; 0: any
     full_size: bool = False  # points: it sees photographs as they are, and not at `PointsConfig.max_size`
     extra: str = ""  # of zpm2, which installs the packages that it needs
     packages: tuple[str, ...] = ()  # what that extra brings, by the names that are imported

@@ -103,6 +103,9 @@ class PointsConfig:
     merge_px: float = number(
         1.0, "matches of two methods that are closer in both images are one", unit="px", source="the noise of a point"
     )
+    trained_size: bool = option(
+        True, "no larger than the size that a matcher was trained for, where one is known (zpm2 models)"
+    )
     blank_window: int = number(
         17,
         "side of the square around a learned point that must show some contrast",
@@ -133,5 +136,12 @@ class PointsConfig:
     superpoint_threshold: float = share(
         0.0005, "probability from which SuperPoint takes a point", source="that of LightGlue; published 0.015"
     )
+    loftr_threshold: float = share(
+        0.2, "confidence from which LoFTR and Efficient LoFTR take a pair of cells", source="published"
+    )
     rotated_retry: bool = option(False, "smaller and turned, where few points agree on one geometry")
     retry: RotatedRetryConfig = field(default_factory=RotatedRetryConfig)
+
+    def side(self, trained: int) -> int:
+        """Px, the longer image side given to a matcher that was trained for `trained` px (0: for any size)."""
+        return min(self.max_size, trained) if trained and self.trained_size else self.max_size

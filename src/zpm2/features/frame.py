@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from zpm2.config import PointsConfig
 from zpm2.model import Image
 
+LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601
 STRIDE = 32  # px: sides are multiples of it, as XFeat and ALIKED need; DISK needs 16, SuperPoint 8
 
 
@@ -60,6 +61,20 @@ def frame(image: Image, config: PointsConfig, device: str, zoom: float = 1.0) ->
         (image.width, image.height),
         torch.from_numpy(np.pad(useful, ((0, below), (0, right)))).to(device),
     )
+
+
+def gray(pixels: torch.Tensor) -> torch.Tensor:
+    """(b, 3, h, w) RGB -> (b, 1, h, w), for networks that see grey values."""
+    return (pixels * torch.tensor(LUMA, device=pixels.device).view(1, 3, 1, 1)).sum(1, keepdim=True)
+
+
+def padded_alike(left: torch.Tensor, right: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Both (b, c, h, w) as large as the larger one, to the right and below, for networks that take pairs of one size.
+    The padding repeats the border."""
+    height, width = (max(left.shape[k], right.shape[k]) for k in (2, 3))
+    pad = torch.nn.functional.pad
+    a, b = (pad(each, (0, width - each.shape[3], 0, height - each.shape[2]), "replicate") for each in (left, right))
+    return a, b
 
 
 def _has_contrast(rgb: NDArray[np.uint8], config: PointsConfig) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cache
 
 from zpm2.config import PointsConfig
+from zpm2.errors import ConfigError
 from zpm2.features.combined import CombinedMatcher
 from zpm2.features.protocol import PointMatcher
 from zpm2.features.rotated_retry import RotatedRetry
@@ -45,7 +46,19 @@ def create(config: PointsConfig, device: str = "cpu", progress: Progress | None 
     if not config.rotated_retry:
         return matcher
     fewer = replace(config, max_keypoints=min(config.max_keypoints, config.retry.max_keypoints))
-    return RotatedRetry(matcher, cache(lambda: _combined(fewer, device, progress)), config.max_size, config.retry)
+    return RotatedRetry(matcher, cache(lambda: _combined(fewer, device, progress)), seen_size(config), config.retry)
+
+
+def seen_size(config: PointsConfig) -> int:
+    """Px, the longer side at which the learned matchers see photographs; of several, the smallest."""
+    return min(config.side(_trained_for(name)) for name in config.methods)
+
+
+def _trained_for(name: str) -> int:
+    try:
+        return METHODS.get(name).info.longest_side
+    except ConfigError:  # points of a saved result, found by what is not here
+        return 0
 
 
 def check_methods(config: PointsConfig) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import Config, PoseConfig
 from zpm2.errors import Failed
-from zpm2.features import PointMatcher
+from zpm2.features import PointMatcher, seen_size
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
@@ -116,7 +116,7 @@ class PoseFinder:
             chosen = crops.boxes(pairs[0], pairs[1], config)
         else:
             confidence = np.array([match.confidence for match in result.matches])
-            zoom = min(1.0, self.config.points.max_size / max(images[0].width, images[0].height))
+            zoom = min(1.0, seen_size(self.config.points) / max(images[0].width, images[0].height))
             chosen = crops.rectified(pairs[0], pairs[1], result.maps(), confidence, zoom, config)
         points = crops.match(chosen, images, self._load(), config)
         region = region_of(points, pairs[0], pairs[1])
@@ -209,7 +209,7 @@ class PoseFinder:
     def _rays(self, points: PointMatches, cameras: tuple[Camera, Camera]) -> RayPairs:
         """Points as rays. Their noise grows with the px of the image per px of the frame that they were found in."""
         longest = max(max(camera.size) for camera in cameras)
-        noise = self.config.pose.noise_px * max(1.0, longest / self.config.points.max_size)
+        noise = self.config.pose.noise_px * max(1.0, longest / seen_size(self.config.points))
         left, right = (camera.rays(side) for camera, side in zip(cameras, (points.left, points.right), strict=True))
         return RayPairs(left, right, noise / float(np.sqrt(cameras[0].focal * cameras[1].focal)))
 

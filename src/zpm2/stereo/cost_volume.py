@@ -22,13 +22,13 @@ MAX_COSTS = 2**31 - 1  # libSGM counts them in 32 bits
 PATHS = np.array([[0, 1], [1, 0], [1, 1], [1, -1], [0, -1], [-1, 0], [-1, -1], [-1, 1]], np.int32)
 
 
-def require_libsgm() -> Callable[..., dict[str, NDArray[np.generic]]]:
+def require_libsgm() -> Callable[..., dict[str, Floats]]:
     """The function of libSGM; `MissingDependency` without it."""
     try:
         from c_libsgm import sgm_api
     except ImportError as error:
         raise MissingDependency('stereo.method=mc-cnn needs libsgm: pip install "zpm2[stereo]"') from error
-    found: Callable[..., dict[str, NDArray[np.generic]]] = sgm_api
+    found: Callable[..., dict[str, Floats]] = sgm_api
     return found
 
 

@@ -10,12 +10,13 @@ platform's cache folder), on the publisher's hub, and in a package of the regist
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zpm2.errors import WeightsError
+from zpm2.errors import MissingDependency, WeightsError
 from zpm2.runtime import mark_networks_loaded
 from zpm2.weights import licence
 from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
 from zpm2.weights.store import Progress, Status, cache_dir, find, pinned, status
+from zpm2.weights.strict import load_into
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,6 +31,7 @@ __all__ = [
     "entry",
     "get",
     "hash_note",
+    "load_into",
     "load_state_dict",
     "locate",
     "status",
@@ -92,9 +94,10 @@ def load_state_dict(
 ) -> "dict[str, Tensor]":
     """The tensors of the weights `name` by their names in the file, on the CPU. Fetches the file as `get` does.
 
-    Only tensors are unpickled (`weights_only`). DISK's file wraps its tensors in one outer dictionary (`extractor`),
-    which is taken off. MC-CNN's files are states of a training, of which `model` is taken. LighterGlue's file keeps its
-    prefixes: `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
+    Only tensors are unpickled (`weights_only`); files named `.safetensors` hold nothing else, and need that package.
+    DISK's and LoFTR's files wrap their tensors in one outer dictionary (`extractor`, `state_dict`), which is taken off.
+    MC-CNN's files are states of a training, of which `model` is taken. LighterGlue's file keeps its prefixes:
+    `matcher.` is LighterGlue, `extractor.` a copy of XFeat.
     `ForkError` in a child of a process that loaded some (`zpm2.runtime`).
     """
     import pickle
@@ -103,11 +106,12 @@ def load_state_dict(
 
     path = get(name, directory=directory, progress=progress)
     mark_networks_loaded()
+    if path.suffix == ".safetensors":
+        return _safe(path)
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise WeightsError(f"{path} cannot be read as weights: {reason}") from error
+        raise _unreadable(path, error) from error
     if isinstance(state, dict) and len(state) == 1 and isinstance(inner := next(iter(state.values())), dict):
         state = inner
     elif isinstance(state, dict) and "optimizer" in state:
@@ -115,6 +119,24 @@ def load_state_dict(
     if not isinstance(state, dict) or not all(isinstance(value, torch.Tensor) for value in state.values()):
         raise WeightsError(f"{path} holds something other than named tensors")
     return dict(state)
+
+
+def _safe(path: Path) -> "dict[str, Tensor]":
+    """The tensors of a file that was written by safetensors."""
+    try:
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+    except ImportError as error:
+        raise MissingDependency(f'{path.name} needs safetensors: pip install "zpm2[hf]"') from error
+    try:
+        return dict(load_file(path))
+    except SafetensorError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> WeightsError:
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    return WeightsError(f"{path} cannot be read as weights: {reason}")
 
 
 def _not_here(name: str) -> WeightsError:

