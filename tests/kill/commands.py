@@ -47,7 +47,7 @@ def cases(folder: Path, ready: bool = True) -> Iterator[list[Case]]:
     pair = save_pair(render_scene(0, 400, 240), inputs)
     if ready:
         _evaluation(pair, inputs)
-        boards.write(inputs / "boards", 3)
+        boards.write(inputs / "boards", 4)
     with loopback.serve() as server:
         server.files["/owner/models/resolve/main/tiny.pt"] = loopback.CONTENT
         (inputs / "weights").mkdir()
