@@ -207,14 +207,14 @@ def _left(folder: Path) -> Iterator[Path]:
 
 
 def _not_on_record(folder: Path) -> list[str]:
-    """Results that the next run would take for somebody else's."""
+    """Results that the next run would take for somebody else's. Links to photographs are the user's files, and stay."""
     from zpm2.errors import OutputError
     from zpm2.files.record import refuse_foreign
 
     odd = []
     for name in sorted(_files(folder)):
         try:
-            if HIDDEN not in Path(name).parts:
+            if HIDDEN not in Path(name).parts and (folder / name).stat().st_nlink == 1:
                 refuse_foreign(folder / name)
         except OutputError as error:
             odd.append(str(error))
