@@ -1,8 +1,10 @@
-"""Matching at full size, block by block: only the windows that a block's polygons need are read, at the resolution that
-their size needs, and one assignment decides over all blocks (paper 3.3 and 3.4).
+"""Matches at full size, block by block (paper 3.3 and 3.4).
 
-Time grows with the number of blocks, hence of polygons, not with the pixels of the photographs. A block is matched like
-a small pair: the search windows of the pyramid follow from the size of its images.
+Only the windows that show the polygons of a block are read, at the resolution that the polygons' size needs. One
+assignment then decides over the possible matches of all blocks.
+
+Time grows with the number of blocks, and so with the number of polygons, not with the size of the photographs. A block
+is matched like a small pair: the search windows of the pyramid follow from the size of its images.
 """
 
 from collections.abc import Callable, Sequence
@@ -150,7 +152,7 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
             config.guided,
         )
     images = views[0].image, views[1].image
-    prior = PriorLocations(*geometry.linearised(maps, left.centers))  # from the points around each polygon, not from one H for all
+    prior = PriorLocations(*geometry.linearised(maps, left.centers))  # from the points around each, not one H
     locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
     problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)

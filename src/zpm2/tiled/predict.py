@@ -33,8 +33,8 @@ def coherent_points(points: PointMatches, noise: float, config: PartnerConfig) -
     """The points that move with their neighbours.
 
     Enough of a point's nearest neighbours on the left must also be near it on the right: in the photographs' common
-    scale, within `max_apart` times the distance on the left plus `noise` px. This works for any rotation and relief, and
-    for scenes with more than one geometry.
+    scale, within `max_apart` times the distance on the left plus `noise` px. This works for any rotation and relief,
+    and for scenes with more than one geometry.
     """
     n = len(points)
     if n <= config.neighbors:
