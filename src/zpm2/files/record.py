@@ -30,9 +30,9 @@ FOLDER = "folder"  # in place of a fingerprint
 
 
 def create_record(folder: Path) -> None:
-    """Starts the record of a folder, unless it lies in one that is on a record; removes what killed runs left.
+    """Starts the record of a folder, unless it lies in one that is on a record.
 
-    `OutputError` if the hidden folder's name is taken by something else; `OSError`.
+    Also removes what killed runs left. `OutputError` if the hidden folder's name is taken by something else; `OSError`.
     """
     home = _home(folder / HIDDEN)
     if home is None or (home != _absolute(folder) and not _lies_in_made(folder, home)):

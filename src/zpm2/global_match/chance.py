@@ -1,4 +1,4 @@
-"""Is a geometry more than chance, and can a camera have seen it?
+"""Whether a geometry is more than chance, and whether a camera can have seen it.
 
 In any two photographs, some points agree on some epipolar geometry. Whether more agree than by chance is tested a
 contrario (Moisan and Stival, A probabilistic criterion to detect rigid point matches between two images, IJCV 2004).

@@ -24,7 +24,7 @@ def rectify(
     if isinstance(result.pose, Failed):
         return Failed(f"without a pose there is no rectified pair: {result.pose}")
     if result.translation is None:
-        return Failed("a camera that only rotated gives no rectified pair")
+        return Failed("a camera that only turned gives no rectified pair")
     assert not isinstance(result.cameras, Failed)
     points = result.points.points.left[result.inliers], result.points.points.right[result.inliers]
     motion = result.pose.rotation, result.translation
