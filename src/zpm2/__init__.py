@@ -9,7 +9,7 @@ quick and loads no network library.
 
 import warnings
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from zpm2.api import Matcher, match
@@ -48,7 +48,7 @@ _HOME = {
 _DEPRECATED = {"PolygonMatcher": "Matcher", "TiledMatcher": "Matcher"}  # earlier names, until version 1.0
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name == "__version__":
         return import_module("zpm2.runtime").package_version()
     if name in _DEPRECATED:

@@ -2,7 +2,7 @@
 
 Misuse (an unreadable file, an unknown option, missing weights) raises a `Zpm2Error` whose message is one line that
 says what is wrong and what to do; the command line prints it and leaves with exit code 2. An estimate that does not
-exist (no homography from three points) is no misuse: it is a `Failed`, which is falsy and carries its reason.
+exist (no homography from three points) is not misuse: it is a `Failed`, which is falsy and carries its reason.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ class ConfigError(Zpm2Error):
 
 
 class WeightsError(Zpm2Error):
-    """Pre-trained weights cannot be had: no source answered, or a file is not what the manifest says."""
+    """Pre-trained weights are not available: no source answered, or a file differs from the manifest."""
 
 
 class OutputError(Zpm2Error):
@@ -64,6 +64,6 @@ class Failed:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """What a message adds where one of the `known` names is close, " (did you mean ...?)"; else nothing."""
+    """The hint " (did you mean ...?)" for a message if one of the `known` names is close; otherwise empty."""
     close = get_close_matches(name, list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

@@ -1,7 +1,7 @@
 """How much memory a pair takes, estimated from its size and the configuration before anything is loaded.
 
-The numbers are measured and rounded up. They are of a whole process. Those of segmenters and point matchers
-stand where these are registered (`zpm2.plugins.ModelInfo`): measured with photographs of 1.4 megapixels (xfeat and
+The numbers are measured, rounded up, and hold for a whole process. Those of segmenters and point matchers are given
+where these are registered (`zpm2.plugins.ModelInfo`). They were measured with photographs of 1.4 megapixels (xfeat and
 SIFT: 12).
 """
 
@@ -37,20 +37,20 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
 
 
 def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
-    """Bytes for a pair matched in tiles, of which the photographs take `held` bytes all the time."""
+    """Bytes for a pair matched in tiles, including the `held` bytes that the photographs take all the time."""
     side = config.tiles.size
     views = [(side, side) if width * height > side**2 else (width, height) for width, height in sizes]
     return held + MEMORY["tiles"] + whole(config, views, own_regions)
 
 
 def refuse_whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> None:
-    """`InputError` for a pair that does not fit into the budget of memory as a whole."""
+    """`InputError` for a pair that does not fit into the memory budget as a whole."""
     ways = "match it in tiles (--tiles auto), reduce it, or raise --max-memory"
     memory.refuse_above(whole(config, sizes, own_regions), f"a pair of {_text(sizes)} px as a whole", ways)
 
 
 def refuse_in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> None:
-    """`InputError` for a pair that does not fit into the budget of memory in tiles either."""
+    """`InputError` for a pair that does not fit into the memory budget even in tiles."""
     what = f"a pair of {_text(sizes)} px in tiles of {config.tiles.size} px"
     ways = "make tiles.size smaller, or raise --max-memory"
     memory.refuse_above(in_tiles(config, sizes, held, own_regions), what, ways)

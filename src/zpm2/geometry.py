@@ -93,7 +93,7 @@ def sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
 
 
 def signed_sampson_distance(fundamental: Array, left: Array, right: Array) -> Array:
-    """(n,) the same with the sign of the algebraic error, so that it has a derivative at 0."""
+    """(n,) `sampson_distance` with the sign of the algebraic error, so that it has a derivative at 0."""
     l2 = homogeneous(left) @ fundamental.T
     l1 = homogeneous(right) @ fundamental
     e = np.einsum("ni,ni->n", homogeneous(right), l2)
@@ -205,7 +205,7 @@ def cross_matrix(vector: Array) -> Array:
 def _usac(
     estimate: Estimator, left: Array, right: Array, threshold: float, seed: int, config: MagsacConfig
 ) -> tuple[Array | None, NDArray[np.uint8] | None]:
-    """One of OpenCV's robust estimators with MAGSAC++ scoring; None where it fails."""
+    """Runs one of OpenCV's robust estimators with MAGSAC++ scoring; None if it fails."""
     params = cv2.UsacParams()
     params.score = cv2.SCORE_METHOD_MAGSAC
     params.sampler = cv2.SAMPLING_UNIFORM

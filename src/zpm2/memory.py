@@ -1,8 +1,8 @@
-"""How much memory this process may take, and the refusal of what would take more.
+"""The memory budget of this process, and an error for work that would exceed it.
 
-The budget is what the user says, or a share of what is free. Code that is about to take much memory calls
-`refuse_above` first, so that the user gets one line instead of a process that the system kills. `within` sets the
-budget for what runs inside it.
+The user sets the budget; by default it is a share of the free memory. Code that is about to use much memory calls
+`refuse_above` first, so that the user gets a one-line message instead of a process that the system kills. `within` sets
+the budget for the code that runs inside it.
 """
 
 import math
@@ -16,7 +16,7 @@ from pathlib import Path
 from zpm2.errors import ConfigError, InputError
 
 AUTO, UNLIMITED = "auto", "none"
-FREE_SHARE = 0.8  # of what is free, and of what this process has: the rest is for what others take meanwhile
+FREE_SHARE = 0.8  # share of the free memory and this process's own; the rest is left for other processes
 UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 
 _SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
@@ -51,7 +51,7 @@ def within(text: str) -> Iterator[None]:
 
 @contextmanager
 def reserved(bytes_: float) -> Iterator[None]:
-    """Lowers the budget inside by what the caller holds itself."""
+    """Lowers the budget, for the code inside, by the bytes that the caller itself holds."""
     token = _reserved.set(_reserved.get() + bytes_)
     try:
         yield

@@ -30,8 +30,10 @@ Sides = tuple[ImagePolygons, ImagePolygons]
 
 
 def plugin_code(config: Config) -> list[str]:
-    """Hashes of the code of the configured segmenter and point matchers, as far as other packages wrote it: for the
-    keys of what an earlier run left."""
+    """Hashes of the code of the configured segmenter and point matchers that come from other packages.
+
+    They are part of resume keys.
+    """
     used = [(SEGMENTERS, config.segment.model), *((METHODS, name) for name in config.points.methods)]
     codes = [models.code(name) for models, name in used if name in models]  # a matcher that was given has any name
     return [code for code in codes if code]
@@ -45,7 +47,7 @@ class PairMatcher:
 
     `config` is a preset's name or a `Config`. `segmenter` replaces the configured one: one for both images, or a (left,
     right) pair; `points` replaces the configured point matcher. `progress(stage, share)` receives the share of a stage
-    that is done, 0..1, and `say(text)` what takes long.
+    that is done, 0..1, and `say(text)` a message before a long wait.
     """
 
     def __init__(

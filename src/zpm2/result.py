@@ -33,9 +33,9 @@ from zpm2.view import pictures
 
 SCHEMA = "zpm2-matches/1"
 ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
-PICTURE_WIDTH = 2400  # px, no side of a picture is longer
-NOTEBOOK_WIDTH = 1600  # px, the same in a notebook
-SHEET_MATCHES = 100  # on a contact sheet
+PICTURE_WIDTH = 2400  # px, longest side of a picture
+NOTEBOOK_WIDTH = 1600  # px, longest side of a picture in a notebook
+SHEET_MATCHES = 100  # number of matches on a contact sheet
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +60,12 @@ class MatchResult:
     def flatten(self) -> "MatchResult":
         """The same with matched regions that exclude each other in both images, to the pixel.
 
-        Where two matches overlap, one of them gets the pixels on both sides: the more confident one, but a part before
-        the whole that it lies in (`local_match.exclusive` has the rule). What is left of a polygon is one piece, traced
-        along pixel edges under its old id. A match goes, and leaves its pixels to the others, where one side keeps less
-        than `segment.min_area` px or the two sides no longer correspond. Polygons without a match, those of matches
-        that went included, stay listed as they were and may overlap anything; `parent` still tells what lay in what
-        before. Homologous vertices and outlines belonged to the old exteriors and are left out.
+        If two matches overlap, one of them gets the pixels in both images: a part before the whole that contains it,
+        otherwise the more confident match (`local_match.exclusive` has the rule). The rest of a polygon is one piece,
+        traced along pixel edges, with its old id. A match is dropped, and its pixels go to the others, if one side
+        keeps less than `segment.min_area` px or the two sides no longer correspond. Polygons without a match, including
+        those of dropped matches, stay as they were and may overlap others. `parent` still names the polygon that
+        contained each one before. Homologous vertices and outlines are left out, as they belong to the old exteriors.
         """
         pairs = self._pairs()
         config, maps = recorded(self.config), self._maps(pairs)
@@ -82,9 +82,11 @@ class MatchResult:
         return dataclasses.replace(self, left=sides[0], right=sides[1], matches=sides[2])
 
     def with_outlines(self, step: float = 2.0) -> "MatchResult":
-        """The same with homologous points all around each matched pair of exteriors, about every `step` px: the
-        `outline` of each match (`local_match.outline`). To drop parts that only one of the two outlines has, cut at a
-        residual of your choice. `InputError` for a step that is not above 0."""
+        """The same with homologous points all around each matched pair of exteriors, about every `step` px.
+
+        They are the `outline` of each match (`local_match.outline`). Parts that only one of the two outlines has show
+        large residuals: drop them above a residual of your choice. `InputError` for a step that is not above 0.
+        """
         pairs, options = self._pairs(), recorded(self.config).local_match.outline
         matches = with_outlines(self.matches, pairs, self._maps(pairs), self.fundamental, options, step)
         return dataclasses.replace(self, matches=matches)
@@ -100,7 +102,7 @@ class MatchResult:
         return self._maps(self._pairs())
 
     def images(self) -> tuple[Image, Image]:
-        """The photographs; `InputError` for a loaded result of which they are no longer where they were."""
+        """The photographs. `InputError` if the result was loaded and its photographs are no longer where they were."""
         raster = self._raster()
         return reopen.pixels(self.left, "left", raster), reopen.pixels(self.right, "right", raster)
 
@@ -117,7 +119,7 @@ class MatchResult:
         return feature_collections(self)
 
     def with_gis_messages(self) -> "MatchResult":
-        """The same, with warnings of what files for a GIS will miss and notes of how they are made."""
+        """The same, with warnings about what files for a GIS will lack and notes on how they are made."""
         warnings, notes = split(gis.messages(layers_of(self)))
         return dataclasses.replace(self, warnings=[*self.warnings, *warnings], notes=[*self.notes, *notes])
 
@@ -133,9 +135,9 @@ class MatchResult:
         return PIL.Image.fromarray(pictures.unmatched(self, self._raster(), max_width))
 
     def contact_sheet(self, count: int = SHEET_MATCHES, seed: int = 0) -> PIL.Image.Image:
-        """Up to `count` random matches, each with its two polygons close up, to be judged by eye.
+        """Up to `count` random matches, each with close-ups of its two polygons, to be judged by eye.
 
-        Only what is shown is read. `InputError` as from `plot`.
+        Only the parts shown are read from the photographs. `InputError` as from `plot`.
         """
         return PIL.Image.fromarray(pictures.sheet(self, self._raster(), count, seed))
 
@@ -193,7 +195,7 @@ def read_result(path: str | Path) -> tuple[MatchResult, Members]:
 
 
 def _fold(result: MatchResult, members: Members) -> Members:
-    """An estimate that does not exist is null, and the reason stands in "failed"."""
+    """Writes an estimate that does not exist as null, with its reason in "failed"."""
     failed = {name: str(made) for name in ESTIMATES if isinstance(made := getattr(result, name), Failed)}
     timings = {stage: round(seconds, 4) for stage, seconds in result.timings.items()}
     return members | dict.fromkeys(failed) | {"schema": SCHEMA, "failed": failed, "timings": timings}

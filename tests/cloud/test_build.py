@@ -95,7 +95,7 @@ def test_an_empty_cloud_says_why(tmp_path: Path) -> None:
     """The regions lie beside the mesh."""
     cloud = cloud_of(grid(6, size=0.1), squares()[:4], CAMERAS[:2], tmp_path)
     assert not cloud.patches
-    assert any("no polygon could be lifted" in w for w in cloud.warnings)
+    assert any("matches gave a polygon on the surface" in w for w in cloud.warnings)
     assert len(cloud.rejected) == cloud.matches == 4
     assert cloud.coverage == 0
 

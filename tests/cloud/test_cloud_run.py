@@ -80,7 +80,7 @@ def test_non_overlapping(pair: Pair, counted: list[object]) -> None:
         ({}, "--calib, or --K and --baseline"),
         ({"k": "300,300,200,120"}, "--calib, or --K and --baseline"),
         ({"k": "300,300,200,120", "baseline": -1.0}, "length above 0"),
-        ({"calibration": "calib.txt", "baseline": 1.0}, "leave --K, --K2 and --baseline out"),
+        ({"calibration": "calib.txt", "baseline": 1.0}, "leave out --K, --K2 and --baseline"),
     ],
 )
 def test_rigs_that_are_none(pair: Pair, options: dict[str, object], why: str) -> None:

@@ -81,7 +81,7 @@ def test_what_is_odd_is_said() -> None:
     points = placed(np.array([[0.0, 0], [2, 2], [2, 0], [0, 2.5], [9, 9]]))
     triangles, odd = triangulate(points, [np.array([[0, 1, 2, 3]]), np.array([[0, 1]])])
     assert len(triangles) == 2
-    assert odd == ["1 faces cross themselves: their triangles overlap", "1 faces have fewer than three corners"]
+    assert odd == ["1 faces cross themselves, so their triangles overlap", "1 faces have fewer than three corners"]
     points[1] = np.nan
     assert len(triangulate(points, [np.array([[0, 1, 2, 3]])])[0]) == 2
 

@@ -54,7 +54,7 @@ def test_wide_holes_and_the_outer_rim_stay() -> None:
     holed = without(whole, np.linalg.norm(whole.corners.mean(1)[:, :2], axis=1) < 0.4)
     same = filled_to(holed, 0.5)
     assert (same.filled, len(same.faces)) == (0, len(holed.faces))
-    assert any("1 rims are wider" in note for note in same.notes)
+    assert any("1 holes are wider" in note for note in same.notes)
     assert filled_to(whole, 9.0).filled == 0  # the outer rim is none
     assert filled_to(holed, 0.0) is holed
 

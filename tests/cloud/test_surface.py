@@ -44,9 +44,9 @@ def test_cleaning_leaves_notes() -> None:
     assert len(surface.faces) == 2
     assert len(surface.vertices) == 5  # 0.5, 0, 0 is left without a triangle
     notes = " ".join(surface.notes)
-    assert "1 triangles have a vertex that is not finite" in notes
-    assert "1 triangles have no area" in notes
-    assert "1 triangles are repeated" in notes
+    assert "1 triangles were left out: a vertex is not finite" in notes
+    assert "1 triangles were left out: they have no area" in notes
+    assert "1 triangles were left out: they are repeated" in notes
 
 
 def test_edges_of_three_triangles_are_borders() -> None:
@@ -68,7 +68,7 @@ def test_flipped_triangles_are_noted_and_neighbors_nonetheless() -> None:
         (SQUARE, np.zeros((0, 3), int), "there is no surface"),
         (SQUARE[:, :2], TWO, "expected vertices"),
         (SQUARE, np.array([[0, 1, 2, 3]]), "expected vertices"),
-        (SQUARE, TWO + 2, "does not have"),
+        (SQUARE, TWO + 2, "refer to missing vertices"),
         (SQUARE * np.nan, TWO, "no triangle with finite vertices"),
         (SQUARE * 1e200, TWO, "no triangle with finite vertices"),
         (SQUARE * 0, TWO, "no triangle with an area"),

@@ -1,4 +1,4 @@
-"""The polygon cloud on one screen: lift both views of every match -> cross-check -> tracks -> one patch each."""
+"""The polygon cloud on one screen: lift both polygons of each match -> cross-check -> tracks -> one patch per track."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from zpm2.model.messages import Note, about, split
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
 
-Accepted = dict[TrackMatch, tuple[SupportingMatch, dict[Observation, Lifted]]]  # by match, with its lifted polygons
+Accepted = dict[TrackMatch, tuple[SupportingMatch, dict[Observation, Lifted]]]  # by match; with its lifted polygons
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ def build(
 ) -> PolygonCloud:
     """The polygon cloud of matched pairs of views.
 
-    `rejected` holds every match that gave no patch, with the reason. An empty cloud is a result, with warnings that say
-    why; `InputError` where no view sees the mesh.
+    Matches that give no patch are listed in `rejected`, each with its reason. A cloud may be empty; its warnings then
+    say why. `InputError` if no view sees the mesh.
     """
     timer = StageTimer(progress)
     on_mesh = [SurfaceView(view.camera, surface, caster) for view in views]
@@ -61,7 +61,7 @@ def build(
         tracks, contradicted = build_tracks(list(found), config.same)
     if contradicted:
         messages.append(
-            Note(f"{contradicted} matches contradict more confident ones through other views, and were left out")
+            Note(f"{contradicted} matches were left out: they contradict more confident matches through other views")
         )
         kept = {match for track in tracks for match in track.matches}
         why = "it contradicts more confident matches of other views"
@@ -71,7 +71,7 @@ def build(
         rejected += refused
     matches = sum(len(pair.result.matches) for pair in pairs)
     if not patches:
-        messages.append(f"no polygon could be lifted, of {matches} matches")
+        messages.append(f"none of the {matches} matches gave a polygon on the surface")
     warnings, notes = split(messages)
     return PolygonCloud(
         views=views,
@@ -90,7 +90,7 @@ def build(
 def _lifted(
     index: int, pair: MatchedPair, views: tuple[SurfaceView, SurfaceView], config: CloudConfig
 ) -> tuple[Accepted, list[Rejected]]:
-    """The matches of a pair that both views confirm, with their lifted polygons, and the others."""
+    """Splits a pair's matches: those that both views confirm, with their lifted polygons, and the rejected ones."""
     left, right = pair.result.matched_polygons()
     polygons = list(zip(left, right, strict=True))
     lifted = list(zip(lift(left, views[0], config), lift(right, views[1], config), strict=True))
@@ -115,7 +115,7 @@ def _lifted(
 def _patches(
     tracks: Sequence[Track], found: Accepted, views: Sequence[SurfaceView], config: CloudConfig
 ) -> tuple[list[CloudPatch], list[Rejected]]:
-    """A patch for each track, from the view that shows most of it; patches of one place are merged."""
+    """One patch per track, cut in the view that shows most of the region. Patches of the same place are merged."""
     surface = views[0].surface
     chosen: list[tuple[Track, Observation, Lifted]] = []
     for track in tracks:
@@ -156,8 +156,11 @@ def _patches(
 
 
 def _merged(patches: list[CloudPatch], views: Sequence[SurfaceView], same: float) -> list[CloudPatch]:
-    """Patches of different tracks that cover each other are one region that no match joined: the one that more views
-    see stays, and takes over the supporting matches of the others. Two regions of one view stay two."""
+    """Merges patches of different tracks that cover each other: they show one region, but no match joined them.
+
+    The patch that most views see stays and takes over the supporting matches of the others. Two regions of the same
+    view are never merged.
+    """
     surface = views[0].surface
     order = sorted(patches, key=lambda p: (-len(p.views), -p.scale, -p.patch.area))
     near = _touching([p.patch for p in order], surface)
@@ -184,8 +187,10 @@ def _merged(patches: list[CloudPatch], views: Sequence[SurfaceView], same: float
 
 
 def _nested(patches: list[CloudPatch], views: Sequence[SurfaceView], share: float) -> list[CloudPatch]:
-    """Each patch with the smallest one that holds `share` of its area, as its view sees them. Patches come by
-    descending area."""
+    """Sets the parent of each patch: the smallest larger patch that covers at least `share` of it in its view.
+
+    `patches` must be sorted by descending area.
+    """
     surface = views[0].surface
     near = _touching([p.patch for p in patches], surface)
     level: dict[int, int] = {}
@@ -204,7 +209,7 @@ def _nested(patches: list[CloudPatch], views: Sequence[SurfaceView], share: floa
 
 
 def _touching(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> dict[int, list[int]]:
-    """By patch, those that have a triangle of the surface in common with it."""
+    """For each patch, the other patches that share a triangle of the surface with it."""
     covers = covered_shares(patches, surface)
     common = (covers @ covers.T).tocoo()
     near: dict[int, list[int]] = {}

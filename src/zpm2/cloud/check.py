@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well two views agree on the place of a region."""
+    """How well two views agree where a region lies."""
 
-    overlap: float  # 0..1, IoU of the lifted polygon, seen from the other view, with its partner; mean of both ways
-    distance: float | None  # units of the mesh, between the boundaries that each view lifts, median; None: one misses
-    size: float  # units of the mesh, sqrt of the area that the whole boundary has on its plane
+    overlap: float  # 0..1, IoU of a lifted polygon, projected into the other view, with its partner; mean of both ways
+    distance: float | None  # units of the mesh, median between the two lifted boundaries; None if one misses the mesh
+    size: float  # units of the mesh, sqrt of the area inside the whole boundary, projected onto its plane
 
     def objection(self, config: CloudConfig) -> str:
-        """Why the match is rejected; empty where it is not."""
+        """Why the match is rejected; empty if it is accepted."""
         if self.overlap < config.min_overlap:
             return f"left and right are not the same place: overlap {self.overlap:.2f}"
         if self.distance is not None and self.distance > config.max_distance * self.size:
@@ -40,10 +40,11 @@ def cross_check(
     views: tuple[SurfaceView, SurfaceView],
     config: CloudConfig,
 ) -> list[Agreement | Failed]:
-    """The agreement of each matched pair of polygons of which at least one was lifted; else the left one's failure.
+    """The agreement of each matched pair of polygons. If neither polygon was lifted, the failure of the left one.
 
-    Where only a part of a polygon was lifted, the same share is expected of its partner. Distances are between the
-    whole boundaries, as rays meet the surface, and medians, so that parts which hang over an edge do not count.
+    If only part of a polygon was lifted, it is compared with the same share of its partner's area. Distances are
+    measured between the whole boundaries, where their rays meet the surface. They are medians, so that parts that hang
+    over an edge do not count.
     """
     known = [k for k, pair in enumerate(lifted) if any(pair)]
     boundaries = [
@@ -74,14 +75,14 @@ def _distance(a: Array, b: Array) -> float | None:
 
 
 def _overlap(part: shapely.Geometry, whole: shapely.Geometry, share: float) -> float:
-    """IoU of a part with the share of the whole that it should be."""
+    """IoU of a lifted part with the whole partner, whose area counts only by the `share` of it that was lifted."""
     both = part.intersection(whole).area
     expected = max(share * whole.area, both)
     return float(both / max(part.area + expected - both, 1e-300))
 
 
 def _size(lifted: Lifted) -> float:
-    """sqrt of the area of the exterior on its plane (Newell)."""
+    """Square root of the area that the exterior encloses on its plane (Newell's method)."""
     ring = lifted.rings[0].points
     ring = ring - ring.mean(0)
     return float(np.sqrt(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(0)) / 2))

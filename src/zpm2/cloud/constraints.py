@@ -1,5 +1,7 @@
-"""Whether the boundary of a polygon lies on one surface: the three constraints of polygon diffusion (paper 3.5.2, (1)),
-which are also the checks of outlier rejection (4)."""
+"""Does the boundary of a polygon lie on one surface? The three constraints of polygon diffusion (paper 3.5.2, (1)).
+
+They are also the checks of outlier rejection (4).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +24,7 @@ class Violation:
     """A constraint that a boundary violates."""
 
     reason: str
-    at: Array  # (k, 2) samples where it does, image px: those that miss the surface, or lie on the one behind
+    at: Array  # (k, 2) image px of the samples at fault: they miss the surface, or lie on the one behind
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +41,9 @@ class SampledRing:
 def violations(
     shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig, spacings: Array | None = None
 ) -> list[Violation | None]:
-    """The first constraint that each of n boundaries violates; None where they hold. All of them in one cast of rays.
+    """The first constraint that each of n boundaries violates; None if it violates none. Casts all rays at once.
 
-    spacings: (n,) usual distances on the surface per px inside of each, if they are known.
+    spacings: (n,) usual distance on the surface per px inside each polygon, if known.
     """
     result = [Violation("nothing is left of it", NOWHERE) if shape.is_empty else None for shape in shapes]
     rings = [
@@ -65,7 +67,7 @@ def violations(
 
 
 def _violation(ring: SampledRing, view: SurfaceView, config: CloudConfig, spacing: float) -> Violation | None:
-    """Of one ring; `spacing` on the surface per px is usual inside of it, 0 if that is not known."""
+    """The constraint that one ring violates. spacing: the usual distance on the surface per px inside; 0 if unknown."""
     if not ring.found.all():
         return Violation("its boundary leaves the surface", ring.pixels[~ring.found])
     gap = np.linalg.norm(np.roll(ring.pixels, -1, axis=0) - ring.pixels, axis=1)
@@ -85,7 +87,7 @@ def _violation(ring: SampledRing, view: SurfaceView, config: CloudConfig, spacin
 
 
 def _behind(ring: SampledRing, edges: Flags) -> Array:
-    """px of the farther end of each of the edges (k,) of a ring."""
+    """Pixel of the end farther from the camera, for each of the marked edges (k,) of a ring."""
     first = np.flatnonzero(edges)
     second = (first + 1) % len(ring.pixels)
     return ring.pixels[np.where(ring.depths[first] > ring.depths[second], first, second)]

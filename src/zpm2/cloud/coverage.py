@@ -1,4 +1,4 @@
-"""How much of what the views see of a surface is covered by patches."""
+"""How much of the surface that the views see is covered by patches."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,12 @@ from zpm2.cloud.patch import SurfacePatch, covered_shares
 from zpm2.cloud.surface_view import SurfaceView
 from zpm2.errors import InputError
 
-BLIND = 0.01  # share of an image that meets the mesh, below which its camera may be wrong
-UNSEEN = "no view sees the mesh: give mesh and cameras of one scene, in the same coordinates"
+BLIND = 0.01  # a camera may be wrong if a smaller share of its image meets the mesh
+UNSEEN = "no view sees the mesh: give a mesh and cameras of the same scene, in the same coordinates"
 
 
 class Coverage:
-    """What views see of a surface, by a grid of about `rays` rays each. `InputError` where none sees it."""
+    """What views see of a surface, sampled by a grid of about `rays` rays per view. `InputError` if none sees it."""
 
     def __init__(self, views: Sequence[SurfaceView], rays: int) -> None:
         self.surface = views[0].surface
@@ -28,12 +28,12 @@ class Coverage:
             raise InputError(UNSEEN)
 
     def warnings(self, names: Sequence[str]) -> list[str]:
-        """Views that hardly see the mesh: their cameras may be wrong."""
+        """A warning that names the views that hardly see the mesh: their cameras may be wrong."""
         blind = [name for name, share in zip(names, self._shares, strict=True) if share < BLIND]
         return [f"{', '.join(blind)}: less than 1 % of the image meets the mesh"] if blind else []
 
     def of(self, patches: Sequence[SurfacePatch]) -> float:
-        """0..1, the share of all hits that lies on patches; 0 without hits."""
+        """Share of all hits that lie on patches, 0..1; 0 if there are no hits."""
         hit = np.concatenate([np.zeros(0, np.int64), *self._faces])
         if len(hit) == 0 or not patches:
             return 0.0

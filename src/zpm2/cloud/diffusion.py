@@ -1,11 +1,11 @@
-"""The part of a polygon that lies on one surface, found by going outwards from its inside.
+"""The part of a polygon that lies on one surface, found from its inside outwards.
 
-Polygon diffusion approximation (paper 3.5.2, (1)) looks for one scale of the whole polygon. Where only a part of the
-boundary hangs over an edge, or over a hole of the mesh, one scale takes the rest away as well. Here the inside of the
-polygon is sampled on a grid. Neighbouring samples are connected where the paper's constraints hold between them (both
-meet the surface, no jump, no fold), and the largest connected part is kept. Its outline is the polygon's own, except
-where another surface begins. Where a part of the surface hides another one, the hidden side of that edge is removed, so
-that the outline does not run across it.
+Polygon diffusion approximation (paper 3.5.2, (1)) shrinks the whole polygon by one scale. If only part of the boundary
+hangs over an edge, or over a hole of the mesh, that also shrinks the rest. Here the inside of the polygon is sampled on
+a grid. Neighbouring samples are connected if the paper's constraints hold between them (both meet the surface, no jump,
+no fold), and the largest connected part is kept. Its outline is the polygon's own, except where another surface begins.
+If part of the surface hides another part, the samples on the hidden side of that edge are removed, so that the outline
+does not run across the edge.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 def one_surface(
     shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
 ) -> tuple[list[shapely.Polygon], Array]:
-    """Of each of n polygons (image px) the largest part on one surface, in one piece; empty where no ray meets one.
+    """The largest connected part on one surface of each of n polygons (image px); empty if no ray meets the surface.
 
-    And (n,) the usual distance on the surface for each px there, units of the mesh; 0 where it is not known.
+    Also returns (n,) the usual distance on the surface per px there, in units of the mesh; 0 if unknown.
     """
     grids = [_grid(shape, sample_spacing(shape, config)) for shape in shapes]
     points = np.concatenate([np.zeros((0, 2)), *(low + (at + 0.5) * step for at, low, step in grids)])
@@ -48,7 +48,7 @@ def one_surface(
 
 
 def _grid(shape: shapely.Polygon, step: float) -> tuple[NDArray[np.int64], Array, float]:
-    """(k, 2) column and row of the cells on and just beside a polygon, and the corner and `step` of their grid, px."""
+    """(k, 2) columns and rows of the grid cells on or next to a polygon; the grid's corner and cell size, px."""
     low = np.array(shape.bounds[:2]) - step
     count = np.ceil((np.array(shape.bounds[2:]) + step - low) / step).astype(int)
     column, row = (part.ravel() for part in np.meshgrid(np.arange(count[0]), np.arange(count[1])))
@@ -61,7 +61,7 @@ def _grid(shape: shapely.Polygon, step: float) -> tuple[NDArray[np.int64], Array
 def _connected(
     at: NDArray[np.int64], hits: Hits, distance: Array, surface: SurfaceMesh, config: CloudConfig
 ) -> tuple[NDArray[np.bool_], float]:
-    """(k,) which cells belong to the largest connected part, and the median distance of neighbours on the surface."""
+    """(k,) whether each cell is in the largest connected part; the median distance of neighbours on the surface."""
     face, point, met = hits.face, hits.point, hits.face >= 0
     if not met.any():
         return met, 0.0
@@ -90,17 +90,17 @@ def _connected(
 
 
 def without_discs(shape: shapely.Polygon, places: Array, radius: float, config: CloudConfig) -> shapely.Polygon:
-    """The largest piece of a polygon without discs of `radius` px around (k, 2) places on its boundary."""
+    """Cuts discs of `radius` px around (k, 2) places on the boundary from a polygon, and returns the largest piece."""
     return _rounded(shape, shapely.buffer(shapely.multipoints(places), radius), radius, config)
 
 
 def _without_cells(
     shape: shapely.Polygon, bad: NDArray[np.int64], low: Array, step: float, config: CloudConfig
 ) -> shapely.Polygon:
-    """The largest piece of the polygon without the cells `bad` (k, 2) of its grid, rounded."""
+    """Cuts the grid cells `bad` (k, 2) from the polygon, rounds the cuts, and returns the largest piece."""
     if len(bad) == 0:
         return shape
-    order = np.lexsort((bad[:, 0], bad[:, 1]))  # runs of cells of a row are one box each
+    order = np.lexsort((bad[:, 0], bad[:, 1]))  # each run of cells in a row becomes one box
     x, y = bad[order].T
     begins = np.r_[True, (y[1:] != y[:-1]) | (x[1:] != x[:-1] + 1)]
     first, last = x[begins], x[np.r_[begins[1:], True]]
@@ -112,7 +112,7 @@ def _without_cells(
 
 
 def _rounded(shape: shapely.Polygon, gone: shapely.Geometry, step: float, config: CloudConfig) -> shapely.Polygon:
-    """The largest piece of a polygon without the area `gone`, and without thin pieces beside that."""
+    """Cuts the area `gone` and any thin pieces next to it from a polygon, and returns the largest piece."""
     width = step * config.cut_width
     left = shapely.difference(shape, gone)
     wide = shapely.buffer(shapely.buffer(left, -width), width)

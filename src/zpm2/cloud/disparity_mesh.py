@@ -15,8 +15,8 @@ Disparity = NDArray[np.float32]
 def disparity_mesh(disparity: Disparity, rig: Rig, config: CloudConfig) -> SurfaceMesh:
     """The surface that a disparity map of the left image shows, in the frame of the left camera.
 
-    A vertex for each pixel (each second, third... where that would make more than `max_faces` triangles), torn where
-    neighbours differ by more than `tear` px. `InputError` where nothing is left.
+    Each pixel gives a vertex (every second, third... pixel if there would be more than `max_faces` triangles). The mesh
+    is torn where neighbours differ by more than `tear` px. `InputError` if no triangle is left.
     """
     height, width = disparity.shape
     stride = int(np.ceil((2 * height * width / config.max_faces) ** 0.5))
@@ -48,6 +48,6 @@ def disparity_mesh(disparity: Disparity, rig: Rig, config: CloudConfig) -> Surfa
     second = [(a, e, b, sides[3] & other & sides[0] & neither), (b, e, c, other & sides[2] & sides[1] & neither)]
     faces = np.concatenate([np.stack([p[ok], q[ok], r[ok]], axis=1) for p, q, r, ok in first + second])
     if len(faces) == 0:
-        raise InputError("the disparity map shows no surface: no two of its neighbouring pixels are joined")
+        raise InputError("the disparity map shows no surface: no three neighbouring pixels form a triangle")
     used, inverse = np.unique(faces, return_inverse=True)
     return SurfaceMesh.of(points[used], inverse.reshape(-1, 3), "disparity mesh")

@@ -1,7 +1,7 @@
 """What pictures and pages of a polygon cloud show: the surface in grey, patches above it, boundaries as tubes.
 
-Positions here are for the eye only: patches float a little above the surface, parts above their wholes, so that nothing
-flickers; and what lies far from all patches is left out.
+These positions are for display only. Patches float a little above the surface, and nested patches above the ones around
+them, so that nothing flickers. Surface far from all patches is left out.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from zpm2.cloud.surface import crosses
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-# of the extent, between the surface, a patch, and a part of it: of all triangles, and of fewer
+# share of the extent: height of each layer above the one below, with all triangles and with fewer
 LAYER_HEIGHT, COARSE_LAYER_HEIGHT = 4e-4, 8e-4
-MIN_COMMON = 0.02  # of a patch's area: patches that have less in common are in one layer
-FULLY_COVERED = 0.999  # of a triangle: it is not shown
-SHOWN_RADIUS = 0.75  # of the extent: what is farther from the middle is not shown
-MIN_PATCH_FACES = 20  # of a patch that is shown with fewer triangles
+MIN_COMMON = 0.02  # share of a patch's area: patches that overlap less may lie in one layer
+FULLY_COVERED = 0.999  # share of a triangle of the surface: if patches cover more, it is not shown
+SHOWN_RADIUS = 0.75  # share of the extent: surface farther from the centre is not shown
+MIN_PATCH_FACES = 20  # triangles that a simplified patch keeps at least
 SURFACE_COLOR = (206, 206, 206)
-NO_PATCH = -1  # in the place of a patch's id
+NO_PATCH = -1  # stands for a patch's id where there is no patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +34,16 @@ class DisplayMesh:
 
     vertices: Array  # (n, 3)
     faces: Indices  # (m, 3)
-    ids: Indices  # (m,) the patch of each, `NO_PATCH` for none
+    ids: Indices  # (m,) id of the patch of each triangle, or `NO_PATCH`
     colors: Colors  # (m, 3)
-    tube: NDArray[np.bool_]  # (m,) whether it is part of a boundary
-    box: tuple[Array, Array]  # (3,) each, least and greatest coordinates of most of what the photographs show
-    up: Array  # (3,) unit
-    towards: Array  # (3,) unit, from the centre to where the views were
+    tube: NDArray[np.bool_]  # (m,) whether each triangle belongs to a boundary's tube
+    box: tuple[Array, Array]  # (3,) each: lowest and highest coordinates of most of what the photographs show
+    up: Array  # (3,) unit vector
+    towards: Array  # (3,) unit vector from the centre towards the views
 
     @property
     def center(self) -> Array:
-        """(3,) of the box."""
+        """(3,) centre of the box."""
         return np.asarray((self.box[0] + self.box[1]) / 2)
 
     @property
@@ -53,7 +53,10 @@ class DisplayMesh:
 
 
 def display_mesh(cloud: PolygonCloud, max_faces: int | None = None) -> DisplayMesh:
-    """What to show of a cloud; surface and patches with at most about `max_faces` triangles each, if given."""
+    """The triangles that show a cloud.
+
+    max_faces: about how many triangles the surface and the patches may have, each; None for all.
+    """
     low, high = cloud.box
     height = LAYER_HEIGHT if max_faces is None else COARSE_LAYER_HEIGHT
     center, extent = (low + high) / 2, float(np.linalg.norm(high - low))
@@ -90,8 +93,10 @@ def display_mesh(cloud: PolygonCloud, max_faces: int | None = None) -> DisplayMe
 
 
 def clustered(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array, Indices]:
-    """A mesh with fewer triangles, about `max_faces`: vertices of one cell of a grid become their mean (Rossignac and
-    Borrel, Multi-resolution 3D approximations, 1993)."""
+    """A mesh simplified to about `max_faces` triangles: the vertices in each cell of a grid are replaced by their mean.
+
+    Source: Rossignac and Borrel, Multi-resolution 3D approximations, 1993.
+    """
     if len(faces) <= max_faces:
         return vertices, faces
     area = float(np.linalg.norm(crosses(vertices[faces]), axis=1).sum() / 2)
@@ -107,7 +112,7 @@ def clustered(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array, I
 
 
 def _surface(cloud: PolygonCloud, center: Array, radius: float, max_faces: int | None) -> tuple[Array, Indices]:
-    """The surface without what patches cover, so that patches can be seen from behind too."""
+    """The surface without the triangles that patches cover, so that patches are visible from behind, too."""
     surface = cloud.surface
     covered = np.asarray(cloud.covered_shares.sum(axis=0)).ravel()
     near = np.linalg.norm(surface.vertices - center, axis=1) < radius
@@ -118,7 +123,7 @@ def _surface(cloud: PolygonCloud, center: Array, radius: float, max_faces: int |
 
 
 def _vertex_normals(patch: SurfacePatch) -> Array:
-    """(n, 3) unit means of the normals around each vertex, by area."""
+    """(n, 3) unit normal of each vertex: the mean of those of the triangles around it, weighted by area."""
     across = np.repeat(patch.normals * patch.areas[:, None], 3, axis=0)
     corner, n = patch.faces.ravel(), len(patch.vertices)
     sums = np.stack([np.bincount(corner, across[:, k], n) for k in range(3)], axis=1)
@@ -126,7 +131,7 @@ def _vertex_normals(patch: SurfacePatch) -> Array:
 
 
 def _layers(cloud: PolygonCloud) -> list[int]:
-    """For each patch how many layers lie under it: one more than under any larger one that it partly covers."""
+    """The number of layers below each patch: one more than below any larger patch that it partly covers."""
     covers = cloud.covered_shares
     both = (covers @ covers.multiply(cloud.surface.areas).T.tocsr()).tocsr()
     layer: list[int] = []

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colors = NDArray[np.uint8]
-TUBE_RADIUS = 0.0015  # of the extent: radius of the tubes around boundaries
-TUBE_SIDES = 6  # of a tube
-BOUNDARY_SHADE = 0.45  # of a patch's colour
+TUBE_RADIUS = 0.0015  # radius of the tubes around boundaries, as a share of the extent
+TUBE_SIDES = 6  # sides of a tube's cross-section
+BOUNDARY_SHADE = 0.45  # brightness of a boundary, as a share of its patch's
 FRAME = "coordinates of the cameras and of the mesh"
 
 
 def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
-    """Vertices and triangles of tubes around closed lines (k, 3) each, in their coordinates."""
+    """Vertices and triangles of tubes around closed lines of (k, 3) points, in the same coordinates."""
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     angles = np.linspace(0, 2 * np.pi, TUBE_SIDES, endpoint=False)
     for line in rings:
@@ -48,7 +48,7 @@ def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
         points.append((ring[:, None] + radius * around).reshape(-1, 3))
         at = np.arange(n * TUBE_SIDES).reshape(n, TUBE_SIDES)
         a, b = at, np.roll(at, -1, axis=1)
-        # frames may rotate from one ring of the tube to the next: each is joined where it fits best
+        # the corners may rotate from one ring of the tube to the next: join each ring where it fits best
         shift = _fit(around, np.roll(around, -1, axis=0))
         following = np.roll(at, -1, axis=0)
         rows = np.arange(n)[:, None]
@@ -61,7 +61,7 @@ def tubes(rings: Sequence[Array], radius: float) -> tuple[Array, Indices]:
 
 
 def write_ply(cloud: PolygonCloud, path: Path) -> Path:
-    """All patches as one binary PLY in double precision; every face with its colour, normal and the patch's id."""
+    """All patches as one binary PLY in double precision. Each face has its colour, its normal and its patch's id."""
     patches = [patch.patch for patch in cloud.patches]
     start = np.cumsum([0, *(len(p.vertices) for p in patches)])
     vertices = cloud.world(np.concatenate([np.zeros((0, 3)), *(p.vertices for p in patches)]))
@@ -89,8 +89,11 @@ def write_ply(cloud: PolygonCloud, path: Path) -> Path:
 
 
 def write_points(cloud: PolygonCloud, spacing: float, *paths: Path) -> int:
-    """Points on the patches about every `spacing`, with the colour of the photograph that saw them and the patch's id,
-    as .ply, or as .las (package laspy). A point on nested patches belongs to the innermost one. Returns how many."""
+    """Write points on the patches, about `spacing` apart, as .ply or .las (needs the package laspy).
+
+    Each point has the colour that its patch's photograph shows there, and the patch's id. A point on nested patches
+    belongs to the innermost one. Returns the number of points.
+    """
     points, rgb, patch = sampled(cloud, spacing)
     for path in paths:
         atomic_write(path, (_las if path.suffix == ".las" else _points_ply)(points, rgb, patch))
@@ -110,7 +113,7 @@ def _points_ply(points: Array, rgb: Colors, patch: Indices) -> bytes:
 
 
 def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices]:
-    """(n, 3) points in the world, (n, 3) RGB and (n,) ids of their patches; see `write_points`."""
+    """The points of `write_points`: (n, 3) world coordinates, (n, 3) RGB and (n,) patch ids."""
     generator, raster = np.random.default_rng(0), recorded(cloud.config).raster  # the bands that were matched
     parts: dict[int, list[CloudPatch]] = {}
     for polygon in cloud.patches:
@@ -128,7 +131,7 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
             on_patch = np.einsum("nk,nki->ni", weights, patch.vertices[patch.faces[face]])
             at = cloud.world(on_patch)
             seen = np.nan_to_num(camera.project(at))
-            for part in parts.get(polygon.id, []):  # points on a part belong to the part
+            for part in parts.get(polygon.id, []):  # points on a nested patch belong to that patch
                 inside = shapely.contains_xy(part.outline(camera, cloud.surface), seen)
                 at, seen = at[~inside], seen[~inside]
             points.append(at)
@@ -139,9 +142,9 @@ def sampled(cloud: PolygonCloud, spacing: float) -> tuple[Array, Colors, Indices
 
 
 def write_glb(cloud: PolygonCloud, path: Path) -> Path:
-    """One node for each polygon, "polygon 7", with its attributes as extras, and one for the tube around it.
+    """Write a GLB scene: a node for each polygon ("polygon 7", with its attributes as extras) and one for its boundary.
 
-    GLB holds single precision: coordinates are relative to "origin" in the scene's extras. The axes are the mesh's.
+    GLB stores single precision, so coordinates are relative to "origin" in the scene's extras. The axes are the mesh's.
     """
     trimesh = require_trimesh()
     scene = trimesh.Scene(metadata={"origin": cloud.surface.origin.tolist(), "schema": "zpm2-cloud/1"})
@@ -181,8 +184,10 @@ def attributes(polygon: CloudPatch) -> dict[str, object]:
 
 
 def write_boundaries(cloud: PolygonCloud, folder: Path) -> list[Path]:
-    """boundaries.geojson (polygons with heights, no reference system) and boundaries.wkt (a line each: id, tab, POLYGON
-    Z). Both in the coordinates of the cameras."""
+    """Write the boundaries in the coordinates of the cameras, without a reference system.
+
+    boundaries.geojson has the polygons with heights. boundaries.wkt has a line per polygon: id, tab, POLYGON Z.
+    """
     features = [
         {
             "type": "Feature",
@@ -219,7 +224,7 @@ def write_surface(surface: SurfaceMesh, path: Path) -> Path:
 
 
 def require_laspy() -> ModuleType:
-    """The package, or `MissingDependency`."""
+    """The package laspy. `MissingDependency` if it is not installed."""
     try:
         import laspy
     except ImportError as error:
@@ -260,17 +265,17 @@ def _coloured(trimesh: ModuleType, vertices: Array, faces: Indices, rgb: Colors)
 
 
 def _closed(cloud: PolygonCloud, polygon: CloudPatch) -> list[Array]:
-    """The rings in the world, the first point once more at the end."""
+    """The rings in world coordinates, with the first point repeated at the end."""
     return [cloud.world(np.concatenate([ring.points, ring.points[:1]])) for ring in polygon.rings]
 
 
 def _thinned(ring: Array, step: float) -> Array:
-    """Every point of a line that is at least `step` along it from the last one kept."""
+    """A closed line with fewer points: the first one in each interval of length `step` along it."""
     along = np.cumsum(np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1))
     return ring[np.unique(np.floor(along / step), return_index=True)[1]]
 
 
 def _fit(first: Array, second: Array) -> Indices:
-    """(n,) by how many corners each second ring must be turned so that its corners lie next to the first's."""
+    """(n,) how many corners to turn each second ring by, so that its corners lie next to those of the first."""
     agreement = [np.einsum("nki,nki->n", first, np.roll(second, -k, axis=1)) for k in range(TUBE_SIDES)]
     return np.argmax(agreement, axis=0)

@@ -1,4 +1,4 @@
-"""Faces of many corners cut into triangles."""
+"""Cuts faces with more than three corners into triangles."""
 
 from collections.abc import Sequence
 
@@ -8,16 +8,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-FLAT_TRIANGLE = 1e-9  # of a face's area: a thinner triangle of a fan would leave out a corner
-AREA_TOLERANCE = 1e-6  # share by which the areas of a face and of its triangles may differ
+FLAT_TRIANGLE = 1e-9  # share of a face's area: with a smaller triangle, a fan would leave out a corner
+AREA_TOLERANCE = 1e-6  # how much the area of a face may differ from its triangles', as a share
 
 
 def triangulate(vertices: Array, faces: Sequence[Indices]) -> tuple[Indices, list[str]]:
-    """(t, 3) triangles of faces, (m, k) for each number k of corners, oriented as the faces are, and notes on odd ones.
+    """(t, 3) triangles, oriented like their faces, and notes on faces at fault.
 
-    A face whose fan from its first corner has only triangles of its own orientation is that fan: all convex ones are.
-    Others are cut in the plane that fits them best, with their edges kept (constrained Delaunay triangulation), even
-    with holes that a bridge joins to the border. Only a face that crosses itself is made a fan nonetheless.
+    faces: an array (m, k) of vertex indices for each number of corners k.
+
+    A face becomes a fan from its first corner if all triangles of the fan have the face's orientation, as those of
+    convex faces do. Other faces are cut in the plane that fits them best (constrained Delaunay triangulation, which
+    keeps their edges), even if a bridge joins a hole to their border. A face that crosses itself becomes a fan anyway.
     """
     found, crossing, short = [np.zeros((0, 3), np.int64)], 0, 0
     for corners in faces:
@@ -30,9 +32,9 @@ def triangulate(vertices: Array, faces: Sequence[Indices]) -> tuple[Indices, lis
         )
         if k > 3:
             points = vertices[corners] - vertices[corners[:, :1]]
-            points[~np.isfinite(points).all((1, 2))] = 0  # left out by `SurfaceMesh.of`
+            points[~np.isfinite(points).all((1, 2))] = 0  # `SurfaceMesh.of` leaves these out
             crosses = np.cross(points[:, 1:-1], points[:, 2:])
-            normal = crosses.sum(1)  # twice the area long
+            normal = crosses.sum(1)  # its length is twice the area
             size = np.einsum("mi,mi->m", normal, normal)
             bent = (np.einsum("mki,mi->mk", crosses, normal) <= FLAT_TRIANGLE * size[:, None]).any(1) & (size > 0)
             cut, crossed = _cut(corners[bent], points[bent], normal[bent])
@@ -41,14 +43,14 @@ def triangulate(vertices: Array, faces: Sequence[Indices]) -> tuple[Indices, lis
             fan = np.concatenate([fan[~bent], fan[bent][crossed]])
         found.append(fan.reshape(-1, 3))
     odd = [
-        (crossing, "faces cross themselves: their triangles overlap"),
+        (crossing, "faces cross themselves, so their triangles overlap"),
         (short, "faces have fewer than three corners"),
     ]
     return np.concatenate(found), [f"{count} {text}" for count, text in odd if count]
 
 
 def _cut(corners: Indices, points: Array, normal: Array) -> tuple[Indices, Indices]:
-    """The triangles of m faces, (m, k) vertices at (m, k, 3), and the rows of those that cannot be cut."""
+    """The triangles of m faces with vertices (m, k) at points (m, k, 3), and the rows of faces that cannot be cut."""
     if len(corners) == 0:
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
     up = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -70,7 +72,7 @@ def _cut(corners: Indices, points: Array, normal: Array) -> tuple[Indices, Indic
 
 
 def _pieces(shapes: NDArray[np.object_]) -> NDArray[np.object_]:
-    """The triangles of each shape. One that GEOS cannot cut gives none, and does not keep the others from being cut."""
+    """The triangles of each shape. A shape that GEOS cannot cut gives none; the others are cut all the same."""
     try:
         return np.asarray(shapely.constrained_delaunay_triangles(shapes), object)
     except shapely.errors.GEOSException:

@@ -1,9 +1,9 @@
-"""Small holes of a surface closed, so that rays do not fall through (paper 3.5.2, (1)).
+"""Fills small holes of a surface, so that rays do not fall through (paper 3.5.2, (1)).
 
-A hole is a closed loop of edges that have one triangle each. Its rim, seen along the normal of the plane that fits it
-best, is filled with points as dense as the rim and triangulated (Delaunay). Their heights continue the surface around
-it: a thin-plate spline through the rim and the vertices next to it. Loops that are wide, bent, or cross themselves in
-that view stay open.
+A hole is a closed loop of edges that have one triangle each: its rim. The rim is projected onto the plane that fits it
+best, filled with points as dense as its own, and triangulated (Delaunay). The heights of the new points continue the
+surface around the hole: a thin-plate spline through the rim and the vertices next to it. Holes stay open if the rim is
+wide, bent, or crosses itself in the plane.
 """
 
 import dataclasses
@@ -22,14 +22,15 @@ from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-MAX_VALENCE = 1000  # triangles around a vertex that are visited
-FLAT_RIM = 1e-9  # ratio of its spreads, below which a rim is a line
+MAX_VALENCE = 1000  # how many triangles around a vertex are visited at most
+FLAT_RIM = 1e-9  # below this ratio of width to length, a rim is a line
 
 
 def fill_holes(surface: SurfaceMesh, config: CloudConfig) -> SurfaceMesh:
-    """The surface with its small holes filled: the diagonal of the rim's box is up to `fill` times the extent.
+    """The surface with its small holes filled: those with a diagonal of the rim's box of up to `fill` times the extent.
 
-    New triangles come last: `SurfaceMesh.filled` of them. Notes say how many were filled, and how many stayed open.
+    The new triangles come last; `SurfaceMesh.filled` counts them. Notes say how many holes were filled and how many
+    stayed open.
     """
     widest = config.fill * surface.extent
     if widest <= 0:
@@ -38,7 +39,7 @@ def fill_holes(surface: SurfaceMesh, config: CloudConfig) -> SurfaceMesh:
     points, faces, count = [surface.vertices], [surface.faces], len(surface.vertices)
     filled = wide = bent = 0
     for loop in loops:
-        rim = surface.faces[loop // 3, loop % 3]  # in the order of the triangles around
+        rim = surface.faces[loop // 3, loop % 3]  # in the orientation of the triangles around the hole
         if _is_outer(surface, loop, rim):
             continue
         if len(rim) > config.max_hole_edges or np.linalg.norm(np.ptp(surface.vertices[rim], axis=0)) > widest:
@@ -56,7 +57,7 @@ def fill_holes(surface: SurfaceMesh, config: CloudConfig) -> SurfaceMesh:
         count += len(inner)
         filled += 1
     notes = [Note(f"{filled} holes were filled")] if filled else []
-    notes += [Note(f"{wide} rims are wider than {widest:.3g} and stay open")] if wide else []
+    notes += [Note(f"{wide} holes are wider than {widest:.3g} and stay open")] if wide else []
     notes += [Note(f"{bent + tangled} holes are too bent to be filled")] if bent + tangled else []
     if not filled:
         return dataclasses.replace(surface, notes=(*surface.notes, *notes))
@@ -72,15 +73,18 @@ def fill_holes(surface: SurfaceMesh, config: CloudConfig) -> SurfaceMesh:
 
 
 def _loops(surface: SurfaceMesh) -> tuple[list[Indices], int]:
-    """Closed rims, each as its edges in order (3 times the triangle plus the corner where the edge starts), and how
-    many rims are not closed (of edges with more than two triangles, or triangles of opposite orientation)."""
+    """The closed rims, and the number of rims that are not closed.
+
+    A rim is given by its edges in order; an edge is 3 times the index of its triangle plus the corner where it starts.
+    A rim does not close where an edge has more than two triangles or joins triangles of opposite orientation.
+    """
     faces, open_ = surface.faces, surface.neighbors < 0
     rim = np.flatnonzero(open_.ravel())
     face, corner = rim // 3, (rim % 3 + 1) % 3  # the edge that starts where this one ends
     pivot = faces[face, corner]
     following = np.full(len(rim), -1, np.int64)
     turning = np.arange(len(rim))
-    for _ in range(MAX_VALENCE):  # around that vertex, to the next open edge
+    for _ in range(MAX_VALENCE):  # turn around that vertex to the next open edge
         at = open_[face[turning], corner[turning]]
         ended = turning[at]
         following[ended] = 3 * face[ended] + corner[ended]
@@ -113,7 +117,7 @@ def _loops(surface: SurfaceMesh) -> tuple[list[Indices], int]:
 
 
 def _without_touching(loop: Indices, rim: Indices) -> list[Indices]:
-    """A rim that passes a vertex more than once, where holes touch, as several rims that do not."""
+    """Splits a rim that passes a vertex more than once (holes touch there) into rims that do not."""
     if len(np.unique(rim)) == len(rim):
         return [loop]
     found: list[Indices] = []
@@ -131,14 +135,17 @@ def _without_touching(loop: Indices, rim: Indices) -> list[Indices]:
 
 
 def _is_outer(surface: SurfaceMesh, loop: Indices, rim: Indices) -> bool:
-    """Whether a rim is the outer border of a surface, not a hole: a filling would lie back to back with it."""
+    """Whether a rim is the outer border of a surface, not a hole: a filling would lie back to back with the surface."""
     ring = surface.vertices[rim[::-1]] - surface.vertices[rim].mean(0)
     across = np.cross(ring, np.roll(ring, -1, axis=0)).sum(0)
     return bool(surface.normals[loop // 3].sum(0) @ across <= 0)
 
 
 def _filling(vertices: Array, rim: Indices, beside: Indices, config: CloudConfig) -> tuple[Array, Indices] | None:
-    """(k, 3) new points and the triangles of rim and new points (rows of both together); None for a bent rim."""
+    """The (k, 3) new points and the triangles that fill a rim; None for a bent rim.
+
+    Triangles are rows of the rim's points followed by the new ones.
+    """
     ring = vertices[rim]
     if len(rim) == 3:
         return np.zeros((0, 3)), np.array([[0, 1, 2]])
@@ -163,7 +170,7 @@ def _filling(vertices: Array, rim: Indices, beside: Indices, config: CloudConfig
         around = around[:: -(-len(around) // config.max_hole_support)]
         try:
             height = RBFInterpolator(around[:, :2], around[:, 2], kernel="thin_plate_spline")(inner)
-        except np.linalg.LinAlgError:  # all of them on a line
+        except np.linalg.LinAlgError:  # all points lie on a line
             return None
         inner = np.c_[inner, height]
     else:
@@ -176,7 +183,7 @@ def _filling(vertices: Array, rim: Indices, beside: Indices, config: CloudConfig
 
 
 def _inside(shape: shapely.Polygon, step: float) -> Array:
-    """(k, 2) points of a triangular grid inside a polygon, not nearer to its rim than half a step."""
+    """(k, 2) points of a triangular grid inside a polygon, at least half a step from its rim."""
     low, high = np.array(shape.bounds[:2]), np.array(shape.bounds[2:])
     count = np.ceil((high - low) / [step, step * 0.75**0.5]).astype(int) + 1
     x, y = np.meshgrid(np.arange(count[0]) * step, np.arange(count[1]) * step * 0.75**0.5)
@@ -186,7 +193,10 @@ def _inside(shape: shapely.Polygon, step: float) -> Array:
 
 
 def _triangles(rim: Array, inner: Array, shape: shapely.Polygon) -> Indices | None:
-    """Delaunay triangles inside, by rows of rim and inner points together; None where they lack an edge of the rim."""
+    """Delaunay triangles inside the rim; None if they lack an edge of it.
+
+    Triangles are rows of the rim's points followed by the inner ones.
+    """
     points = np.r_[rim, inner]
     try:
         triangles = Delaunay(points).simplices.astype(np.int64)
@@ -203,7 +213,7 @@ def _triangles(rim: Array, inner: Array, shape: shapely.Polygon) -> Indices | No
         return triangles
     if len(inner):
         return None
-    # the rim alone, its edges kept
+    # triangulate the rim alone, with its edges kept
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     at = np.array([[int(np.abs(rim - p).sum(1).argmin()) for p in t] for t in corners])

@@ -1,4 +1,4 @@
-"""Polygons lifted onto a surface (paper 3.5.2): diffusion approximation, then edges of projection surface."""
+"""Lifts polygons onto a surface (paper 3.5.2): diffusion approximation, then edges of projection surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-MIN_WEIGHT = 1e-7  # barycentric, of an anchor: so that it lies inside its triangle
+MIN_WEIGHT = 1e-7  # smallest barycentric weight of an anchor, which keeps it inside its triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class SurfaceRing:
     """A closed boundary on a surface. Segment k leads from point k to point k + 1 (the last one to the first)."""
 
     points: Array  # (k, 3) in the surface's coordinates
-    faces: Indices  # (k,) the triangle on which each segment lies; -1 where no path led along the surface
+    faces: Indices  # (k,) triangle on which each segment lies; -1: straight, as no path along the surface exists
 
     @property
     def length(self) -> float:
-        """In units of the mesh."""
+        """Length, in units of the mesh."""
         return float(np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1).sum())
 
 
@@ -45,23 +45,23 @@ class Lifted:
     id: int
     rings: tuple[SurfaceRing, ...]  # exterior first
     shape: shapely.Polygon  # the part of the polygon that was lifted, image px
-    scale: float  # sqrt of the share of its area, s of the diffusion; 1: the whole polygon
-    bridged: int  # straight segments, where no path led along the surface
+    scale: float  # sqrt of that part's share of the area: s of the diffusion; 1 for the whole polygon
+    bridged: int  # number of straight segments, where no path along the surface exists
 
     @property
     def length(self) -> float:
-        """Of all boundaries, in units of the mesh."""
+        """Total length of the boundaries, in units of the mesh."""
         return sum(ring.length for ring in self.rings)
 
 
 def lift(polygons: Sequence[Polygon], view: SurfaceView, config: CloudConfig) -> list[Lifted | Failed]:
-    """Each polygon of a view on the surface, or why it cannot be lifted.
+    """Each polygon of a view lifted onto the surface, or why it cannot be lifted.
 
-    A polygon can be lifted if its boundary lies on one surface: all samples meet it, no edge between neighbours is much
-    longer than the others for its px, the normals of neighbours do not fold, and the whole is no larger than its image
-    allows. Of any other polygon the part on one surface is tried (`diffusion.one_surface`, unless the configuration
-    says "scale"), and then the largest scale is found by bisection (`PolygonScaler`). Each trial is one cast of rays
-    for all polygons.
+    A polygon can be lifted if its boundary lies on one surface. This means: all samples of the boundary meet the
+    surface; no edge between neighbouring samples is much longer than the others, per px; the surface is not folded
+    between neighbours; and the whole is no larger than its image allows. For any other polygon, the part on one surface
+    is tried first (`diffusion.one_surface`, unless the configuration says "scale"). If that fails, the largest scale
+    that passes is found by bisection (`PolygonScaler`). Each trial casts the rays of all polygons at once.
     """
     shapes = [polygon.shape for polygon in polygons]
     reasons = _reasons(violations(shapes, view, config))
@@ -89,7 +89,7 @@ def lift(polygons: Sequence[Polygon], view: SurfaceView, config: CloudConfig) ->
 
 
 def outline_in(rings: Sequence[SurfaceRing], camera: PosedCamera, surface: SurfaceMesh) -> shapely.Geometry:
-    """A boundary on a surface as a camera sees it, px, hidden parts too; empty where a part is behind the camera."""
+    """A boundary on a surface projected into a camera, px, with its hidden parts; empty if any is behind the camera."""
     seen = [camera.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()
@@ -97,7 +97,7 @@ def outline_in(rings: Sequence[SurfaceRing], camera: PosedCamera, surface: Surfa
 
 
 def sampled_boundaries(shapes: Sequence[shapely.Polygon], view: SurfaceView, step: float) -> list[Array]:
-    """(k, 3) where each boundary, sampled every `step` px, meets the surface; samples that miss it are left out."""
+    """(k, 3) points where each boundary, sampled every `step` px, meets the surface; without samples that miss it."""
     rings = [[densified(ring, step) for ring in rings_of(shape)] for shape in shapes]
     counts = [sum(len(ring) for ring in of) for of in rings]
     hits = view.cast(np.concatenate([np.zeros((0, 2)), *(ring for of in rings for ring in of)]))
@@ -112,10 +112,10 @@ def _reasons(found: Sequence[Violation | None]) -> list[str]:
 def _parts(
     shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
 ) -> tuple[list[shapely.Polygon], list[str]]:
-    """The part of each shape on one surface, and the constraint that its boundary still violates; empty for none.
+    """The part of each shape on one surface, and the constraint that its boundary still violates (empty for none).
 
-    The inside is connected, but its outline may run across an edge between samples of the inside: those places are
-    taken away, a few times.
+    The samples inside are connected, but the outline may still cross an edge between them. Such places are cut away,
+    in a few rounds.
     """
     parts, spacings = one_surface(shapes, view, config)
     found = violations(parts, view, config, spacings)
@@ -138,7 +138,7 @@ def _parts(
 def _scaled(
     shapes: Sequence[shapely.Polygon], view: SurfaceView, config: CloudConfig
 ) -> tuple[list[shapely.Polygon], list[str]]:
-    """Each shape at the largest scale below 1 that passes, and why the least one did not where none does."""
+    """Each shape at the largest scale below 1 that passes. If none does, the reason why the smallest did not."""
     scalers = [PolygonScaler(shape) for shape in shapes]
     n = len(shapes)
     best, reasons = list(shapes), [""] * n
@@ -188,7 +188,7 @@ def _boundaries(
 
 
 def _traced(view: SurfaceView, hits: Hits, counts: Sequence[int], config: CloudConfig) -> list[SurfaceRing]:
-    """Closed boundaries through the hits of rings of `counts` samples, along the surface."""
+    """Closed boundaries along the surface, through the hits. counts: the number of hits of each ring, in order."""
     surface = view.surface
     weights = np.clip(hits.weights, MIN_WEIGHT, None)
     weights /= weights.sum(1, keepdims=True)
@@ -201,7 +201,7 @@ def _traced(view: SurfaceView, hits: Hits, counts: Sequence[int], config: CloudC
     target = hits.face[following], anchors[following]
     paths = trace_paths(surface, (hits.face, anchors), target, centers, config)
     crossed = np.diff(paths.start)
-    at = np.arange(len(anchors)) + np.cumsum(crossed) - crossed  # each anchor, and after it the crossings of its path
+    at = np.arange(len(anchors)) + np.cumsum(crossed) - crossed  # each anchor is followed by the crossings of its path
     is_anchor = np.zeros(len(anchors) + len(paths.points), bool)
     is_anchor[at] = True
     points, faces = np.empty((len(is_anchor), 3)), np.empty(len(is_anchor), np.int64)

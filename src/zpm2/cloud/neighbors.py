@@ -20,10 +20,11 @@ Array = NDArray[np.float64]
 def neighbor_pairs(
     cameras: Sequence[PosedCamera], surface: SurfaceMesh, caster: RayCaster, config: CloudConfig
 ) -> list[tuple[int, int]]:
-    """Pairs (i, j), i < j, of each view with the `neighbors` others that see most of what it sees, from directions that
-    do not differ much: share of its surface points that the other one sees, times 1 - angle / `max_neighbor_angle`.
+    """Pairs (i, j), i < j, of each view with the `neighbors` best other views.
 
-    `InputError` where no view sees the surface.
+    The score of another view is the share of this view's surface points that it sees, times
+    1 - angle / `max_neighbor_angle`, where angle is the median angle between their lines of sight. `InputError` if no
+    view sees the surface.
     """
     views = [SurfaceView(camera, surface, caster) for camera in cameras]
     hits = [view.cast_grid(config.neighbor_rays) for view in views]
@@ -44,7 +45,7 @@ def neighbor_pairs(
 
 
 def _score(points: Array, own: SurfaceView, other: SurfaceView, config: CloudConfig) -> float:
-    """How well the other view shows the `points` (n, 3) that the own one sees, 0..1."""
+    """How well the other view shows the `points` (n, 3) that this view (`own`) sees, 0..1."""
     pixels = other.camera.project(points + other.surface.origin)
     width, height = other.camera.camera.size
     with np.errstate(invalid="ignore"):

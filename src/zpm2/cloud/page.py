@@ -1,4 +1,4 @@
-"""The polygon cloud as one HTML file that needs nothing else: turn it, point at a polygon, read its attributes."""
+"""The polygon cloud as one self-contained HTML file: turn the scene, point at a polygon, read its attributes."""
 
 import base64
 import json
@@ -11,9 +11,9 @@ from zpm2.cloud.display_mesh import NO_PATCH, DisplayMesh, display_mesh
 from zpm2.cloud.export import attributes
 from zpm2.cloud.result import PolygonCloud
 
-MAX_TRIANGLES = 300_000  # of the surface and of all patches, about; a page stays below 30 MB
+MAX_TRIANGLES = 300_000  # about, for the surface and for all patches, each; keeps a page below 30 MB
 FIELD_OF_VIEW = 0.7  # radians, from top to bottom
-HALF_HEIGHT = 0.45  # of the extent, that the page shows when it opens
+HALF_HEIGHT = 0.45  # half the height that the page shows when it opens, as a share of the extent
 
 
 def page(cloud: PolygonCloud) -> str:
@@ -39,13 +39,16 @@ def page(cloud: PolygonCloud) -> str:
             _part("tubes", shown, shown.tube),
         ],
     }
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # so that no text in it can end the script
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text in the data can end the script
     template = resources.files("zpm2.cloud").joinpath("page.html").read_text(encoding="utf-8")
     return template.replace("/*DATA*/", text)
 
 
 def _part(name: str, shown: DisplayMesh, rows: NDArray[np.bool_]) -> dict[str, str]:
-    """Triangles around the centre of all that is shown, in units of its extent; vertices with colour and polygon."""
+    """The chosen triangles as the page reads them: relative to the centre, in units of the extent.
+
+    Vertices carry a colour and a polygon.
+    """
     used, inverse = np.unique(shown.faces[rows], return_inverse=True)
     ids, paint = np.full(len(used), float(NO_PATCH), np.float32), np.zeros((len(used), 3), np.uint8)
     corner = inverse.ravel()

@@ -1,4 +1,4 @@
-"""Closed boundaries cut into the mesh, so that each polygon is a mesh of its own (paper 3.5.2, Definition and (4))."""
+"""Cuts closed boundaries into the mesh: each polygon becomes a mesh of its own (paper 3.5.2, Definition and (4))."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,60 +18,60 @@ from zpm2.polygons.repair import repaired
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-SAME_CORNER = 1e-6  # px: corners of cut triangles that are nearer to a known point are that point
-WORTH_HALVING = 40  # corners of a polygon, and triangles, above which it is faster to halve it first
-EDGE_ON = 1e-10  # px^2, twice an area: smaller triangles, seen from the side, cannot be cut in the image
+SAME_CORNER = 1e-6  # px; a corner of a cut triangle that is nearer to a known point is that point
+WORTH_HALVING = 40  # with more corners, and more triangles, it is faster to halve a polygon first
+EDGE_ON = 1e-10  # px^2, twice the area; smaller triangles are seen edge-on and cannot be cut in the image
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePatch:
-    """A piece of a surface: n vertices, m triangles, all of them turned towards the camera that saw it."""
+    """A piece of a surface: n vertices and m triangles, all facing the camera that saw it."""
 
     vertices: Array  # (n, 3) in the surface's coordinates
     faces: Indices  # (m, 3)
-    source: Indices  # (m,) the triangle of the surface on which each one lies
+    source: Indices  # (m,) the triangle of the surface that each one is a part of
 
     @cached_property
     def _across(self) -> Array:
-        """(m, 3) normals, twice as long as the area."""
+        """(m, 3) normals; their length is twice the area."""
         return crosses(self.vertices[self.faces])
 
     @cached_property
     def areas(self) -> Array:
-        """(m,) of the triangles, squared units of the mesh."""
+        """(m,) areas of the triangles, in squared units of the mesh."""
         return np.asarray(np.linalg.norm(self._across, axis=1) / 2)
 
     @property
     def area(self) -> float:
-        """Of the whole, squared units of the mesh."""
+        """Area of the whole patch, in squared units of the mesh."""
         return float(self.areas.sum())
 
     @cached_property
     def normals(self) -> Array:
-        """(m, 3) unit normals, towards the camera: the normal field."""
+        """(m, 3) unit normals, which face the camera: the normal field."""
         return self._across / np.maximum(2 * self.areas, 1e-300)[:, None]
 
     @cached_property
     def normal(self) -> Array:
-        """(3,) unit mean of the normals by area."""
+        """(3,) mean of the normals, weighted by area and scaled to unit length."""
         total = self._across.sum(0)
         return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
 
     @property
     def normal_spread(self) -> float:
-        """Degrees, root mean square angle of the normals to their mean, by area."""
+        """Root mean square angle between the normals and their mean, weighted by area, in degrees."""
         angle = np.degrees(np.arccos(np.clip(self.normals @ self.normal, -1, 1)))
         return float(np.sqrt(np.average(angle**2, weights=self.areas)))
 
     @cached_property
     def centroid(self) -> Array:
-        """(3,) of the surface's area, in the surface's coordinates."""
+        """(3,) centroid of the patch's area, in the surface's coordinates."""
         middles = self.vertices[self.faces].mean(1)
         return np.asarray(np.average(middles, axis=0, weights=self.areas))
 
     @cached_property
     def _spread(self) -> Array:
-        """(3,) variances of the surface along its principal axes, ascending."""
+        """(3,) variances of the patch's area along its principal axes, ascending."""
         corners = self.vertices[self.faces] - self.centroid
         middle = corners.mean(1)
         # exact integral of x x^T over a triangle
@@ -81,19 +81,25 @@ class SurfacePatch:
 
     @property
     def planarity(self) -> float:
-        """1 on a plane, 0 where it spreads alike in all directions: 1 - 3 times the surface variation of Pauly, Gross
-        and Kobbelt (Efficient simplification of point-sampled surfaces, 2002)."""
+        """1 for a plane, 0 for a patch that spreads equally in all directions.
+
+        1 - 3 times the surface variation of Pauly, Gross and Kobbelt (Efficient simplification of point-sampled
+        surfaces, 2002).
+        """
         return float(1 - 3 * self._spread[0] / max(float(self._spread.sum()), 1e-300))
 
     @property
     def plane_distance(self) -> float:
-        """Root mean square distance to the plane that fits best, units of the mesh."""
+        """Root mean square distance to the plane that fits best, in units of the mesh."""
         return float(np.sqrt(self._spread[0]))
 
     @cached_property
     def curvature(self) -> float:
-        """Mean of the mean curvature (k1 + k2) / 2, per unit of the mesh, positive where the surface bulges towards the
-        camera: half the sum of length times bend over inner edges (Steiner), by area. 1 / r on a sphere."""
+        """Average mean curvature (k1 + k2) / 2 of the patch, in 1 / unit of the mesh; 1 / r on a sphere.
+
+        Positive if the surface bulges towards the camera. Half the sum over inner edges of length times bending angle,
+        divided by the area (Steiner).
+        """
         one, other, _ = paired_edges(self.faces)
         start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
         along = self.vertices[end[one]] - self.vertices[start[one]]
@@ -105,7 +111,7 @@ class SurfacePatch:
 
 
 class Cutter:
-    """Cuts lifted polygons of one view out of a surface."""
+    """Cuts the lifted polygons of one view out of a surface."""
 
     def __init__(self, surface: SurfaceMesh, camera: PosedCamera) -> None:
         self.surface, self.camera = surface, camera
@@ -119,9 +125,9 @@ class Cutter:
     def cut(self, lifted: Lifted) -> SurfacePatch | Failed:
         """The piece of the surface that the boundary encloses.
 
-        Triangles on which the boundary lies are cut along it, as the camera sees them. All others inside are found from
-        neighbour to neighbour, so that what only lies behind them in the image is never included. Every point of the
-        boundary is a vertex of the patch. `Failed` where nothing is enclosed.
+        Triangles under the boundary are cut along it, in the image of the camera. The other triangles inside are found
+        from neighbour to neighbour, so that surfaces hidden behind them are never included. Every point of the boundary
+        is a vertex of the patch. `Failed` if the boundary encloses nothing.
         """
         surface = self.surface
         rings = [self._pinhole.project(ring.points + surface.origin) for ring in lifted.rings]
@@ -148,7 +154,7 @@ class Cutter:
         return patch if patch.area > 0 else Failed("its boundary encloses nothing")
 
     def _enclosed(self, shape: shapely.Polygon, border: Indices) -> Indices:
-        """The triangles inside that the boundary does not touch: from the border on, through edges inside."""
+        """The triangles inside that the boundary does not touch, found from the border inwards across shared edges."""
         shapely.prepare(shape)
         self._cut += 1
         self._visited[border] = self._cut
@@ -167,10 +173,11 @@ class Cutter:
     def _pieces(
         self, shape: shapely.Polygon, border: Indices, known: Array, near: Indices
     ) -> tuple[Indices, Indices, Array]:
-        """The parts inside of the triangles that the boundary touches.
+        """Cuts the triangles that the boundary touches, and returns their parts inside.
 
-        (k, 3) corners: rows of the `known` px (only those of `near` can occur), then of the added points; (k,) the
-        triangles that they are parts of; (a, 3) the added points.
+        Returns (k, 3) corners, which are rows of `known` followed by the added points; (k,) the triangle that each part
+        belongs to; and (a, 3) the added points. known: px of the points that may be corners; near: rows of those that
+        can occur here.
         """
         surface = self.surface
         seen = self._pixels[surface.faces[border]]
@@ -193,7 +200,7 @@ class Cutter:
         return rows[real], source[real], added
 
     def _on_face(self, pixels: Array, face: Indices) -> Array:
-        """(n, 3) where lines of sight meet the planes of known triangles."""
+        """(n, 3) points where the lines of sight through `pixels` meet the planes of the triangles `face`."""
         direction = self._pinhole.directions(pixels)
         normal = self.surface.normals[face]
         along = np.einsum("ni,ni->n", self.surface.corners[face, 0] - self._center, normal)
@@ -201,10 +208,10 @@ class Cutter:
 
 
 def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
-    """(k,) what of each of (k, 3, 2) triangles lies in a polygon.
+    """(k,) the part of each of the (k, 3, 2) triangles that lies inside a polygon.
 
-    A boundary has thousands of corners of which each triangle meets a few. So the polygon is halved again and again,
-    and each triangle is cut with the smallest piece that holds all of it.
+    A boundary has thousands of corners, but each triangle meets only a few of them. So the polygon is halved again and
+    again, and each triangle is cut with the smallest piece that contains it.
     """
     shapes, low, high = shapely.polygons(triangles), triangles.min(1), triangles.max(1)
     result = np.empty(len(triangles), object)
@@ -239,7 +246,7 @@ def _inside(shape: shapely.Polygon, triangles: Array) -> NDArray[np.object_]:
 
 
 def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) -> SurfacePatch:
-    """A patch of these triangles, each turned so that it faces the camera's `center`."""
+    """A patch of these triangles, each oriented to face the camera's `center`."""
     corners = vertices[faces]
     facing = np.einsum("ni,ni->n", crosses(corners), center - corners[:, 0])
     away = facing < 0
@@ -248,7 +255,7 @@ def _towards(center: Array, vertices: Array, faces: Indices, source: Indices) ->
 
 
 def covered_shares(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> csr_array:
-    """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
+    """Sparse (p, m): the share of each triangle of the surface that each patch covers."""
     rows = np.repeat(np.arange(len(patches)), [len(p.faces) for p in patches])
     source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])
     areas = np.concatenate([np.zeros(0), *(p.areas for p in patches)]) / surface.areas[source]

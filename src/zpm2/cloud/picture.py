@@ -1,4 +1,4 @@
-"""A polygon cloud from three viewpoints, drawn by casting rays: no display and no graphics library."""
+"""A polygon cloud from three viewpoints, drawn by casting rays. It needs no display and no graphics library."""
 
 import cv2
 import numpy as np
@@ -14,16 +14,16 @@ Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 SIZE = 640, 560  # px of one view
 SUPERSAMPLING = 2  # rays along each side of a pixel
-AZIMUTHS = (-40.0, 0.0, 40.0)  # degrees around the up axis, from where the photographs were taken
-ELEVATION = 15.0  # degrees, above the photographs
+AZIMUTHS = (-40.0, 0.0, 40.0)  # degrees around the up axis; 0 is the direction of the photographs
+ELEVATION = 15.0  # degrees above the photographs
 FIELD_OF_VIEW = 40.0  # degrees
-MARGIN = 1.05  # of the distance at which everything fits
+MARGIN = 1.05  # times the distance at which everything fits
 GAP = 6  # px, between the views
 AMBIENT = 0.45  # brightness of a surface seen from the side
 
 
 def three_views(shown_mesh: DisplayMesh) -> Pixels | Failed:
-    """RGB, three views of a cloud side by side. `Failed` where rays are slow (no Embree)."""
+    """Three views of a cloud side by side, RGB. `Failed` without Embree, as casting rays would be too slow."""
     mesh = SurfaceMesh(shown_mesh.vertices, shown_mesh.faces, np.zeros((0, 3), np.int64), np.zeros(3))
     caster = open_caster(mesh)
     if caster.note:
@@ -47,7 +47,7 @@ def three_views(shown_mesh: DisplayMesh) -> Pixels | Failed:
 
 
 def _view(shown_mesh: DisplayMesh, angle: float) -> PosedCamera:
-    """A camera that sees all patches, turned by `angle` around the up axis and a little higher than the views."""
+    """A camera that sees all patches, turned by `angle` degrees around the up axis and a little above the views."""
     side = np.cross(shown_mesh.up, shown_mesh.towards)
     side /= max(float(np.linalg.norm(side)), 1e-12)
     direction = _turned(_turned(shown_mesh.towards, side, -ELEVATION), shown_mesh.up, angle)
@@ -61,7 +61,7 @@ def _view(shown_mesh: DisplayMesh, angle: float) -> PosedCamera:
     shown = patches[((patches >= shown_mesh.box[0]) & (patches <= shown_mesh.box[1])).all(1)]
     shown = shown if len(shown) else shown_mesh.vertices
     x, y, z = rotation @ (shown - shown_mesh.center).T
-    # the middle of what is seen, and as near as everything fits
+    # look at the middle of what is seen, from as near as everything fits
     x0, y0 = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2
     reach = np.maximum(np.abs(x - x0) * 2 * focal / width, np.abs(y - y0) * 2 * focal / height)
     distance = float((MARGIN * reach - z).max())
@@ -71,7 +71,7 @@ def _view(shown_mesh: DisplayMesh, angle: float) -> PosedCamera:
 
 
 def _turned(vector: Array, axis: Array, degrees: float) -> Array:
-    """A vector turned around a unit axis (Rodrigues)."""
+    """A vector rotated around a unit axis (Rodrigues' formula)."""
     a = np.radians(degrees)
     return np.asarray(
         vector * np.cos(a) + np.cross(axis, vector) * np.sin(a) + axis * (axis @ vector) * (1 - np.cos(a))

@@ -1,4 +1,4 @@
-"""Where rays first meet a surface (paper 3.5.2, Eq. raydir): by Embree, else by testing every triangle."""
+"""Where rays first meet a surface (paper 3.5.2, Eq. raydir): with Embree, or else by testing every triangle."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from zpm2.cloud.surface import SurfaceMesh
 
 Array = NDArray[np.float64]
-PAIRS_AT_ONCE = 2_000_000  # of ray and triangle, which bounds the memory
+PAIRS_AT_ONCE = 2_000_000  # pairs of a ray and a triangle tested in one step; bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
     """The first hit of each of n rays."""
 
-    face: NDArray[np.int64]  # (n,) -1 where a ray meets nothing
-    point: Array  # (n, 3) in the surface's coordinates, on the face; NaN where there is none
-    weights: Array  # (n, 3) barycentric, >= 0, sum 1; NaN where there is none
+    face: NDArray[np.int64]  # (n,) the triangle; -1 if a ray meets nothing
+    point: Array  # (n, 3) point on that triangle, in the surface's coordinates; NaN without a hit
+    weights: Array  # (n, 3) its barycentric weights, >= 0, sum 1; NaN without a hit
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(n,) which rays meet the surface."""
+        """(n,) whether each ray meets the surface."""
         return np.asarray(self.face >= 0)
 
     def __getitem__(self, rows: slice) -> "Hits":
@@ -31,17 +31,17 @@ class Hits:
 
 
 class RayCaster(Protocol):
-    """Casts rays at one surface."""
+    """Casts rays onto one surface."""
 
-    note: str | None  # what a user should know about how it runs
+    note: str | None  # what the user should know about this caster
 
     def first_hits(self, origins: Array, directions: Array) -> Hits:
-        """Of n rays, (n, 3) origins in the surface's coordinates and (n, 3) directions of any length."""
+        """The hits of n rays: origins (n, 3) in the surface's coordinates, directions (n, 3) of any length."""
         ...
 
 
 class Embree:
-    """Intel's ray tracing kernels, single precision, through trimesh; the hit itself is computed in double."""
+    """Intel's ray tracing kernels in single precision, through trimesh. Hits are then computed in double precision."""
 
     note: str | None = None
 
@@ -62,9 +62,12 @@ class Embree:
 
 
 class EveryTriangle:
-    """Every ray against every triangle in double precision (Moeller and Trumbore 1997): the reference, and fallback."""
+    """Tests every ray against every triangle in double precision (Moeller and Trumbore, 1997).
 
-    note: str | None = 'embreex is not installed, rays are cast slowly: pip install "zpm2[cloud]"'
+    It is the reference for tests, and the fallback.
+    """
+
+    note: str | None = 'embreex is not installed, so casting rays is slow: pip install "zpm2[cloud]"'
 
     def __init__(self, surface: SurfaceMesh) -> None:
         self.corners = surface.corners
@@ -95,20 +98,22 @@ class EveryTriangle:
 
 
 def open_caster(surface: SurfaceMesh) -> RayCaster:
-    """Embree, or the slow fallback, with a `note` that says so."""
+    """Embree, or the slow fallback, whose `note` says so."""
     if find_spec("embreex") and find_spec("trimesh"):
         return Embree(surface)
     return EveryTriangle(surface)
 
 
 def _hits(corners: Array, face: NDArray[np.int64], origins: Array, directions: Array) -> Hits:
-    """The hits on known faces, in double precision. A hit that rounding moves off its face is clipped to the face's
-    edge, so that every point lies on the surface."""
+    """The hits on known faces, in double precision.
+
+    A hit that rounding moves off its face is clipped to the face's edge, so that every point lies on the surface.
+    """
     n = len(face)
     weights, found = np.full((n, 3), np.nan), face >= 0
     a, b, c = np.moveaxis(corners[face[found]], 1, 0)
     o, d = origins[found], directions[found]
-    # volumes of the ray with each edge (Pluecker): the barycentric weights up to a common factor
+    # the volumes that the ray spans with each edge (Pluecker) are the barycentric weights, up to a common factor
     volumes = np.stack([np.einsum("ni,ni->n", d, np.cross(p - o, q - o)) for p, q in ((b, c), (c, a), (a, b))], axis=1)
     total = volumes.sum(1, keepdims=True)
     share = np.clip(volumes / np.where(total == 0, 1.0, total), 0.0, None)

@@ -1,4 +1,4 @@
-"""The polygon cloud: patches with the matches behind them, and the matches that gave none with the reason."""
+"""The polygon cloud: patches with their supporting matches, and the matches that gave no patch, with the reason."""
 
 import json
 from collections import Counter
@@ -25,8 +25,8 @@ from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
 SCHEMA = "zpm2-cloud/1"
-BOX_OUTLIERS = 0.04  # of the px of all patches, at each end of each axis
-BOX_MARGIN = 0.1  # of its diagonal
+BOX_OUTLIERS = 0.04  # share of all patches' px that the box leaves out at each end of each axis
+BOX_MARGIN = 0.1  # share of the box's diagonal
 
 
 @dataclass(frozen=True)
@@ -43,46 +43,46 @@ class SupportingMatch:
 
     @property
     def match(self) -> int:
-        """Id of the match in that pair's result, as its overlay has it (`PolygonMatch.id`)."""
+        """Id of the match in that pair's result, as in its overlay (`PolygonMatch.id`)."""
         return self.left_polygon
 
 
 @dataclass(frozen=True, eq=False)
 class CloudPatch:
-    """One polygon of the cloud: a closed piece of the surface with the matches behind it."""
+    """One polygon of the cloud: a closed piece of the surface and the matches that support it."""
 
     id: int
     patch: SurfacePatch  # in the surface's coordinates
-    rings: tuple[SurfaceRing, ...]  # its boundary there, exterior first
-    view: int  # index of the view whose polygon it is
-    polygon: Polygon  # in that view's image
-    scale: float  # s of the diffusion, 1: the whole polygon
-    bridged: int  # segments of the boundary that are straight, where no path led along the surface
+    rings: tuple[SurfaceRing, ...]  # its boundary on the surface, exterior first
+    view: int  # index of the view whose polygon was lifted
+    polygon: Polygon  # that polygon, in the view's image
+    scale: float  # s of the diffusion; 1 for the whole polygon
+    bridged: int  # straight segments of the boundary, where no path along the surface exists
     views: tuple[int, ...]  # indices of all views that see it
     supports: tuple[SupportingMatch, ...]  # its matches, the most confident first
-    filled: float  # 0..1, share of its area that fills holes of the mesh
-    parent: int | None = None  # id of the smallest patch that it is a part of
-    level: int = 0  # number of patches around it
+    filled: float  # 0..1, share of its area that lies on filled holes of the mesh
+    parent: int | None = None  # id of the smallest patch that contains it
+    level: int = 0  # number of patches that contain it
 
     __repr__ = brief
 
     @property
     def label(self) -> str | None:
-        """A class name, where the source of the region gave one."""
+        """The class name, if the source of the region gave one."""
         return self.polygon.label
 
     @property
     def confidence(self) -> float:
-        """0..1, of its most confident match."""
+        """Confidence of its most confident match, 0..1."""
         return self.supports[0].confidence
 
     @property
     def length(self) -> float:
-        """Of all its boundaries, units of the mesh."""
+        """Total length of its boundaries, in units of the mesh."""
         return sum(ring.length for ring in self.rings)
 
     def outline(self, camera: PosedCamera, surface: SurfaceMesh) -> shapely.Geometry:
-        """Its boundary as a camera sees it, px; empty where a part is behind the camera."""
+        """Its boundary projected into a camera, px; empty if part of it is behind the camera."""
         return outline_in(self.rings, camera, surface)
 
 
@@ -110,8 +110,8 @@ class PolygonCloud:
     surface: SurfaceMesh
     patches: Sequence[CloudPatch]
     rejected: Sequence[Rejected]
-    matches: int  # of all pairs, before anything was rejected
-    coverage: float  # 0..1, share of the surface seen by the views that the patches cover
+    matches: int  # number of matches of all pairs, before any was rejected
+    coverage: float  # 0..1, share of the surface seen by the views that patches cover
     config: Mapping[str, object] = field(repr=False)
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
@@ -127,10 +127,10 @@ class PolygonCloud:
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
-        """(3,) each: the box around most of what the photographs show on patches, in the surface's coordinates.
+        """The lowest and the highest corner, (3,) each, of a box around most patches, in the surface's coordinates.
 
-        Every patch counts by its px, and the outermost ones along each axis do not: far things behind a scene are
-        small in its photographs. The mesh's box where there are no patches.
+        Patches count by their px in the photographs, and the outermost few along each axis are left out: things far
+        behind the scene are small in the photographs. Without patches, the box of the mesh.
         """
         if not self.patches:
             return self.surface.vertices.min(0), self.surface.vertices.max(0)
@@ -146,22 +146,22 @@ class PolygonCloud:
 
     @cached_property
     def covered_shares(self) -> csr_array:
-        """(p, m) sparse: the share of each triangle of the surface that each patch covers."""
+        """Sparse (p, m): the share of each triangle of the surface that each patch covers."""
         return covered_shares([patch.patch for patch in self.patches], self.surface)
 
     @cached_property
     def colors(self) -> NDArray[np.uint8]:
-        """(p, 3) RGB of the patches, each unlike its neighbours'."""
+        """(p, 3) RGB of the patches, each different from its neighbours."""
         centers = np.array([patch.patch.centroid for patch in self.patches]).reshape(-1, 3)
         reach = np.array([patch.patch.area**0.5 / 2 for patch in self.patches])
         return np.array(distinct_colors(centers, reach), np.uint8).reshape(-1, 3)
 
     def world(self, points: Array) -> Array:
-        """(n, 3) points of the surface in the coordinates of the cameras and of the mesh's file."""
+        """Points (n, 3) of the surface, in the coordinates of the cameras and of the mesh's file."""
         return np.asarray(points + self.surface.origin)
 
     def reasons(self) -> dict[str, int]:
-        """How many matches gave no patch, by reason, the most frequent one first; numbers in a reason left out."""
+        """How many matches gave no patch, by reason, the most frequent first. Numbers in reasons are left out."""
         return dict(Counter(rejected.reason.split(":")[0] for rejected in self.rejected).most_common())
 
     def counts(self) -> dict[str, object]:
@@ -176,7 +176,7 @@ class PolygonCloud:
         }
 
     def to_dict(self) -> dict[str, object]:
-        """The content of `cloud.json` (schema "zpm2-cloud/1"). Coordinates, lengths and areas in units of the mesh."""
+        """The content of `cloud.json` (schema "zpm2-cloud/1"); coordinates, lengths and areas in units of the mesh."""
         surface = self.surface
         return {
             "schema": SCHEMA,
@@ -237,7 +237,7 @@ class PolygonCloud:
         }
 
     def save_json(self, folder: Path) -> Path:
-        """Write cloud.json, whole or not at all."""
+        """Write cloud.json: the whole file or none."""
         references = [photo_reference(str(view.path), folder) for view in self.views]
         views = [view | reference for view, reference in zip(self._views(), references, strict=True)]
         return atomic_write(folder / "cloud.json", json.dumps(self.to_dict() | {"views": views}, allow_nan=False))

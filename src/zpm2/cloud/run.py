@@ -1,4 +1,4 @@
-"""A polygon cloud by one call: from a workspace, or from a rectified pair alone."""
+"""A polygon cloud in one call: from a workspace, or from a rectified pair alone."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -49,10 +49,10 @@ Place = str | Path
 
 @dataclass(frozen=True)
 class DisparityFile:
-    """A disparity map of the left image: .pfm, .png or .npy. `ConfigError` for a scale or sign that it cannot have."""
+    """A disparity map of the left image: .pfm, .png or .npy. `ConfigError` for an impossible scale or sign."""
 
     file: Place
-    scale: float = 1.0  # what its values are divided by
+    scale: float = 1.0  # the file's values are divided by this
     sign: int = 1  # -1 where the file stores -d
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class DisparityFile:
 
 
 def check_sign(sign: int, what: str) -> None:
-    """`ConfigError` where disparities of that `sign` cannot be."""
+    """`ConfigError` unless `sign` is 1 or -1. `what` names it in the message."""
     if sign not in (1, -1):
         raise ConfigError(f"{what}: give 1, or -1 where the file stores -d")
 
@@ -84,11 +84,11 @@ def from_workspace(
         cloud = zpm2.cloud.from_workspace("ws")
         zpm2.cloud.save(cloud, "out")
 
-    mesh, images, cameras: where these are, if they are not found in the workspace (`cloud.workspace`).
-    non_overlapping: make regions exclude each other before they are lifted. kept: a folder for the matches of each
-    pair; they are taken from there where photographs, configuration and code are the same. `say` is told once how
-    slowly rays are cast, if they are. `InputError` for a workspace that lacks something, `MissingDependency` without
-    trimesh, and the errors of `Matcher`.
+    mesh, images, cameras: where these are, if not in the usual places of the workspace (`cloud.workspace`).
+    non_overlapping: make regions exclude each other before they are lifted. kept: a folder that stores the matches of
+    each pair; they are used again if photographs, configuration and code are the same. say: called once with a message
+    if casting rays will be slow. `InputError` for an incomplete workspace, `MissingDependency` without trimesh, and the
+    errors of `Matcher`.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     place, odd = Path(folder), list[str]()
@@ -119,15 +119,15 @@ def from_stereo(
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
 ) -> PolygonCloud:
-    """Lift the matched polygons of a rectified pair onto the surface that its disparities give.
+    """Lift the matched polygons of a rectified pair onto the surface that its disparity map describes.
 
         rig = zpm2.cloud.read_rig("left.png", "right.png", k="300,300,200,120", baseline=0.2)
         cloud = zpm2.cloud.from_stereo("left.png", "right.png", rig)
 
-    The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image, None
-    to search disparities (`stereo.method`). matches: a folder of `MatchResult.save`, None to match the pair. Other
-    arguments and errors are those of `from_workspace`; `InputError` too where the disparities contradict the matched
-    points, or their search takes too much memory; `MissingDependency` for mc-cnn without libsgm.
+    The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image; None
+    searches the disparities (`stereo.method`). matches: a folder written by `MatchResult.save`; None matches the pair.
+    Other arguments and errors are those of `from_workspace`. Also `InputError` if the disparities contradict the matched
+    points, or their search takes too much memory, and `MissingDependency` for mc-cnn without libsgm.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     photographs = [Path(left), Path(right)]
@@ -159,14 +159,14 @@ def read_rig(
 ) -> Rig:
     """The rig of a rectified pair: from a calibration file of Middlebury or KITTI, or from K and baseline.
 
-    k, k2: the left and the right camera as `--K` of `zpm2 pose` takes them; one for both where `k2` is None. baseline:
-    the distance of the cameras, in the unit that the cloud shall have. `ConfigError` where the cameras are not told,
-    or told twice; `InputError` where they do not fit the photographs or each other.
+    k, k2: the left and the right camera, written as for `--K` of `zpm2 pose`; without `k2`, `k` is used for both.
+    baseline: the distance between the cameras, in the unit that the cloud should have. `ConfigError` if the cameras
+    are missing or given twice; `InputError` if they do not fit the photographs or each other.
     """
     photographs = Path(left), Path(right)
     if calibration is not None:
         if any(value is not None for value in (k, k2, baseline)):
-            raise ConfigError("--calib holds the cameras and the baseline: leave --K, --K2 and --baseline out")
+            raise ConfigError("--calib gives the cameras and the baseline: leave out --K, --K2 and --baseline")
         rig = read_calibration(Path(calibration), image_size(photographs[0]))
         for name, camera, path in zip(("left", "right"), (rig.left, rig.right), photographs, strict=True):
             what = f"the {name} camera of {calibration}"
@@ -208,12 +208,12 @@ def _given(file: DisparityFile | Place, size: tuple[int, int]) -> Callable[[Poin
 
 
 def matching_part(config: Config) -> Mapping[str, object]:
-    """The part of a configuration that matches depend on."""
+    """The part of a configuration that the matches depend on."""
     return {name: value for name, value in config.to_dict().items() if name not in AFTER_MATCHING}
 
 
 class _Pairs:
-    """Matches pairs of views. Where a folder is given, the matches are kept there and taken from there."""
+    """Matches pairs of views. If a folder is given, matches are stored there and used again."""
 
     def __init__(
         self,
@@ -228,13 +228,13 @@ class _Pairs:
         self._matcher: api.Matcher | None = None
 
     def match(self, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
-        """The matches of two views, without the pixels of the photographs."""
+        """The matches of two views. The result does not keep the pixels of the photographs."""
         return self.finished(
             _without_pixels(self._match(left, right)) if self.folder is None else self._kept(self.folder, left, right)
         )
 
     def finished(self, result: MatchResult) -> MatchResult:
-        """The result as it is lifted."""
+        """The result that is lifted: without overlaps if the caller asked for that."""
         return result.flatten() if self.non_overlapping else result
 
     def _kept(self, home: Path, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
@@ -269,7 +269,7 @@ def _built(
     pairs: _Pairs,
     odd: Sequence[str],
 ) -> PolygonCloud:
-    """The cloud, with what is `odd` about the cameras and the messages of the matches among its own."""
+    """The cloud. Its messages include doubts about the cameras (`odd`) and the messages of the matches."""
     made = build(views, matched, surface, caster, pairs.config.cloud, pairs.progress)
     warnings, notes = [*odd, *made.warnings], list(made.notes)
     for pair in matched:
@@ -280,7 +280,7 @@ def _built(
 
 
 def _caster(surface: SurfaceMesh, say: Callable[[str], None]) -> RayCaster:
-    """Of a surface; a slow one is announced before the wait begins."""
+    """The ray caster of a surface. A slow one is announced before the wait begins."""
     caster = open_caster(surface)
     if caster.note:
         say(caster.note)

@@ -1,4 +1,4 @@
-"""All files of a polygon cloud."""
+"""Writes all files of a polygon cloud."""
 
 from pathlib import Path
 
@@ -16,22 +16,23 @@ NAMES = (
     *("patches.ply", "cloud.glb", "boundaries.geojson", "boundaries.wkt", "points.ply", "points.las"),
     *("cloud.png", "cloud.html", "cloud.json"),
 )
-SAMPLED_POINTS = 200_000  # on all patches, about, where no spacing is given
+SAMPLED_POINTS = 200_000  # about, on all patches together, if no spacing is given
 
 
 def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, las: bool = False) -> list[str]:
     """Write cloud.json, patches.ply, cloud.glb, boundaries.geojson, boundaries.wkt, points.ply (and points.las),
-    cloud.png and cloud.html, each whole or not at all, cloud.json last. Returns what could not be made, and why.
+    cloud.png and cloud.html. Returns what could not be made, and why.
 
-    Files of an earlier cloud are replaced; `OutputError` where other files have these names. Of a cloud without
-    polygons only cloud.json is written. spacing: of the points, units of the mesh; None for 200,000 in all.
+    Each file is written whole or not at all, cloud.json last. Files of an earlier cloud are replaced; `OutputError` if
+    other files have these names. A cloud without polygons writes only cloud.json. spacing: distance between the points,
+    in units of the mesh; None for about 200,000 points in all.
     """
     if las:
         export.require_laspy()
     out = claim(folder, NAMES, [view.path for view in cloud.views])
     if not cloud.patches:
         cloud.save_json(out)
-        return ["nothing but cloud.json was written: there is no polygon"]
+        return ["only cloud.json was written: the cloud has no polygons"]
     missing = []
     export.write_ply(cloud, out / "patches.ply")
     export.write_glb(cloud, out / "cloud.glb")

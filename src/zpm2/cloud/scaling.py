@@ -1,4 +1,4 @@
-"""Polygons in the image made smaller, and sampled (paper 3.5.2, (1) and (3))."""
+"""Shrinks polygons in the image, and samples their boundaries (paper 3.5.2, (1) and (3))."""
 
 import numpy as np
 import shapely
@@ -14,10 +14,9 @@ Array = NDArray[np.float64]
 class PolygonScaler:
     """A polygon at scales s in (0, 1]; at 1 it is the polygon itself.
 
-    The paper scales about the centroid. That stays inside only where the whole boundary is seen from the centroid. The
-    boundary of other polygons (concave ones, and those with holes, which would grow into the ring) is moved inwards
-    instead, by (1 - s) of the radius of the largest circle inside. Where that cuts a polygon into pieces, the largest
-    one counts.
+    The paper scales about the centroid. The result lies inside the polygon only if the whole boundary is visible from
+    the centroid. For other polygons (concave, or with holes), the boundary is moved inwards instead, by (1 - s) times
+    the radius of the largest inscribed circle. If that splits the polygon, the largest piece is used.
     """
 
     def __init__(self, polygon: shapely.Polygon) -> None:
@@ -26,7 +25,7 @@ class PolygonScaler:
         self.depth = 0.0 if self.radial else float(shapely.maximum_inscribed_circle(polygon).length)
 
     def at(self, scale: float) -> shapely.Polygon:
-        """The polygon at a scale; empty where nothing is left."""
+        """The polygon at a scale; empty if nothing is left."""
         if scale >= 1:
             return self.polygon
         if self.radial:
@@ -35,8 +34,10 @@ class PolygonScaler:
 
 
 def densified(ring: Array, step: float) -> Array:
-    """(k, 2) the vertices of a closed ring (n, 2), not repeated at the end, and points between them, at most `step`
-    apart."""
+    """A closed ring (n, 2) with points added, so that neighbours are at most `step` apart: (k, 2).
+
+    Neither ring repeats its first point at the end.
+    """
     following = np.roll(ring, -1, axis=0)
     pieces = np.maximum(np.ceil(np.linalg.norm(following - ring, axis=1) / step).astype(np.int64), 1)
     edge = np.repeat(np.arange(len(ring)), pieces)
@@ -46,19 +47,19 @@ def densified(ring: Array, step: float) -> Array:
 
 
 def sample_spacing(shape: shapely.Polygon, config: CloudConfig) -> float:
-    """px between samples of a polygon: `step`, and more for large ones, so that there are about `max_samples`."""
+    """Distance between samples of a polygon, px: `step`, or more for large ones, to keep to about `max_samples`."""
     return max(config.step, float(shape.area / config.max_samples) ** 0.5)
 
 
 def rings_of(polygon: shapely.Polygon) -> list[Array]:
-    """The exterior and the holes, (n, 2) each, the first vertex not repeated."""
+    """The exterior and the holes, (n, 2) each, without repeating the first vertex."""
     if polygon.is_empty:
         return []
     return [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 def _star_shaped(polygon: shapely.Polygon) -> bool:
-    """Whether the centroid sees the whole boundary: every side turns around it the same way."""
+    """Whether the whole boundary is visible from the centroid: every side turns around it in the same direction."""
     ring = rings_of(polygon)[0] - np.array(polygon.centroid.coords[0])
     following = np.roll(ring, -1, axis=0)
     turn = ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0]

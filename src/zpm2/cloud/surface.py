@@ -1,4 +1,4 @@
-"""A triangle mesh, cleaned for casting rays and tracing paths: with neighbours, and near the origin."""
+"""A triangle mesh prepared for casting rays and tracing paths: cleaned, with neighbours, and near the origin."""
 
 import os
 from dataclasses import dataclass, replace
@@ -18,20 +18,20 @@ from zpm2.model.messages import Note
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FORMATS = (".ply", ".obj", ".stl", ".glb", ".off")
-LARGEST_COORDINATE = 1e60  # units of the mesh: areas beyond cannot be computed
-DEGENERATE_AREA = 1e-12  # of the squared extent: triangles of less area are left out
+LARGEST_COORDINATE = 1e60  # units of the mesh; areas of larger triangles would overflow
+DEGENERATE_AREA = 1e-12  # share of the squared extent; triangles with less area are left out
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMesh:
-    """n vertices, m triangles. Coordinates are relative to `origin`, so that large ones (UTM) lose nothing."""
+    """n vertices and m triangles. Coordinates are relative to `origin`, so that large ones (UTM) keep precision."""
 
     vertices: Array  # (n, 3)
     faces: Indices  # (m, 3)
     neighbors: Indices  # (m, 3) the face across the edge from corner k to corner k + 1; -1 at a border
     origin: Array  # (3,) subtracted from the coordinates of the file
     notes: tuple[str, ...] = ()  # what a user should know about the mesh
-    filled: int = 0  # how many of the triangles, the last ones, fill holes (`holes.fill_holes`)
+    filled: int = 0  # the last `filled` triangles fill holes (`holes.fill_holes`)
 
     __repr__ = brief
 
@@ -42,27 +42,28 @@ class SurfaceMesh:
 
     @cached_property
     def normals(self) -> Array:
-        """(m, 3) unit normals, by the order of the corners."""
+        """(m, 3) unit normals; the order of the corners gives their side."""
         across = crosses(self.corners)
         return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))
 
     @cached_property
     def areas(self) -> Array:
-        """(m,) of the triangles."""
+        """(m,) areas of the triangles."""
         return np.asarray(np.linalg.norm(crosses(self.corners), axis=1) / 2)
 
     @property
     def extent(self) -> float:
-        """Length of the diagonal of the box around it."""
+        """Length of the bounding box's diagonal."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     @staticmethod
     def of(vertices: ArrayLike, faces: ArrayLike, name: str = "mesh") -> "SurfaceMesh":
-        """A mesh made usable. Vertices at one place are merged. Triangles without area, with vertices that are not
-        finite, and repeated ones are left out, each kind with a note. The origin is the middle of its box.
+        """A clean mesh from vertices (n, 3) and triangles (m, 3).
 
-        Edges of more than two triangles are borders of all of these, with a note. `InputError` for arrays that are no
-        mesh, and where nothing is left.
+        Vertices at the same place are merged. Triangles without area, with vertices that are not finite, and repeated
+        ones are left out; a note counts each kind. The origin is the centre of the bounding box. Edges of more than two
+        triangles count as borders of all of them; a note says so. `InputError` for arrays that are not a mesh, and if
+        no triangle is left.
         """
         points, triangles = np.asarray(vertices, np.float64), np.asarray(faces)
         if points.ndim != 2 or points.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
@@ -73,12 +74,12 @@ class SurfaceMesh:
             raise InputError(f"{name} has {len(points)} vertices and {len(triangles)} triangles: there is no surface")
         triangles = triangles.astype(np.int64)
         if triangles.min() < 0 or triangles.max() >= len(points):
-            raise InputError(f"{name} has triangles of vertices that it does not have: export it again")
+            raise InputError(f"{name} has triangles that refer to missing vertices: export it again")
         notes = []
         finite = np.asarray((np.abs(points) <= LARGEST_COORDINATE).all(1))  # False for NaN, too
         usable = finite[triangles].all(1)
         unusable = int((~usable).sum())
-        notes += _counted(unusable, "triangles have a vertex that is not finite or too far, and were left out")
+        notes += _counted(unusable, "triangles were left out: a vertex is not finite or too far away")
 
         triangles = triangles[usable]
         if len(triangles) == 0:
@@ -89,10 +90,10 @@ class SurfaceMesh:
         flat = np.linalg.norm(crosses(points[triangles]), axis=1) / 2 <= DEGENERATE_AREA * float(
             np.ptp(points, axis=0) @ np.ptp(points, axis=0)
         )
-        notes += map(Note, _counted(int(flat.sum()), "triangles have no area, and were left out"))
+        notes += map(Note, _counted(int(flat.sum()), "triangles were left out: they have no area"))
         triangles = triangles[~flat]
         _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-        notes += map(Note, _counted(len(triangles) - len(first), "triangles are repeated, and were left out"))
+        notes += map(Note, _counted(len(triangles) - len(first), "triangles were left out: they are repeated"))
         triangles = triangles[np.sort(first)]
         if len(triangles) == 0:
             raise InputError(f"{name} has no triangle with an area: there is no surface")
@@ -105,10 +106,10 @@ class SurfaceMesh:
 
     @staticmethod
     def read(path: str | Path) -> "SurfaceMesh":
-        """A mesh from a PLY, OBJ, OFF, STL or GLB file (the last two: package trimesh, the extra `cloud`).
+        """A mesh from a PLY, OBJ, OFF, STL or GLB file. STL and GLB need the package trimesh (extra `cloud`).
 
-        Faces of more than three corners are cut into triangles (`facets.triangulate`). `InputError` for what cannot be
-        read and for a point cloud.
+        Faces with more than three corners are cut into triangles (`facets.triangulate`). `InputError` for a file that
+        cannot be read, and for a point cloud.
         """
         path = Path(path)
         if path.suffix.lower() not in FORMATS:
@@ -139,7 +140,7 @@ class SurfaceMesh:
 
 
 def require_trimesh() -> ModuleType:
-    """The package, or `MissingDependency`."""
+    """The package trimesh. `MissingDependency` if it is not installed."""
     try:
         import trimesh
     except ImportError as error:
@@ -148,21 +149,23 @@ def require_trimesh() -> ModuleType:
 
 
 def _compact(points: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Only the vertices that are used, and those at exactly one place as one."""
+    """The mesh without unused vertices, and with vertices at exactly the same place merged."""
     used, inverse = np.unique(triangles, return_inverse=True)
     distinct, same = np.unique(points[used] + 0.0, axis=0, return_inverse=True)
     return distinct, same.ravel()[inverse.ravel()].reshape(triangles.shape)
 
 
 def crosses(corners: Array) -> Array:
-    """(m, 3) normals of triangles (m, 3, 3), by the order of their corners, twice as long as the area."""
+    """(m, 3) normals of triangles (m, 3, 3), oriented by the order of the corners; their length is twice the area."""
     a, b, c = np.moveaxis(corners, 1, 0)
     return np.asarray(np.cross(b - a, c - a))
 
 
 def paired_edges(triangles: Indices) -> tuple[Indices, Indices, int]:
-    """(k,) and (k,) the two sides of each edge of exactly two triangles (3 times the triangle plus the corner where the
-    side starts), and how many edges have more."""
+    """(k,) and (k,): the two sides of each edge that exactly two triangles share; and how many edges have more.
+
+    A side is 3 times the index of its triangle plus the corner where it starts.
+    """
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     key = np.minimum(start, end) * (triangles.max() + 1) + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -172,7 +175,7 @@ def paired_edges(triangles: Indices) -> tuple[Indices, Indices, int]:
 
 
 def neighbors_of(triangles: Indices) -> tuple[Indices, int, int]:
-    """(m, 3) neighbours, how many edges have more than two triangles, and how many join opposite orientations."""
+    """(m, 3) neighbours; how many edges have more than two triangles; how many join opposite orientations."""
     one, other, crowded = paired_edges(triangles)
     neighbors = np.full(triangles.size, -1, np.int64)
     neighbors[one], neighbors[other] = other // 3, one // 3
@@ -182,5 +185,5 @@ def neighbors_of(triangles: Indices) -> tuple[Indices, int, int]:
 
 
 def _counted(count: int, text: str) -> list[str]:
-    """The sentence, unless the count is 0."""
+    """A list with the sentence; empty if the count is 0."""
     return [f"{count} {text}"] if count else []

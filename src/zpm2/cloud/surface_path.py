@@ -1,12 +1,12 @@
 """Polygon edges of projection surface (paper 3.5.2): paths from point to point along a surface, triangle by triangle.
 
-A path is the section of the surface with the plane of the camera's centre and the two points, which in the image is the
-straight edge between them. The paper turns towards the target anew in each triangle's plane (its steps 1 to 4); that
-path depends on the order of the corners and may circle. A plane's section does neither: it enters a triangle through
-one edge and leaves it through another, and the sides of the plane on which the corners lie decide through which. A
-corner on the plane counts as above it, so that a path through a vertex or along an edge needs no special case. Every
-crossing is interpolated between the two ends of its edge: it lies on the surface, and so does the segment between two
-crossings, as both are on one triangle.
+A path is where the surface meets the plane through the camera's centre and the two points. In the image, this is the
+straight edge between them. The paper turns towards the target again in the plane of each triangle (its steps 1 to 4);
+such a path depends on the order of the corners and may circle. The section with a plane does neither. It enters a
+triangle through one edge and leaves it through another; which one depends on the sides of the plane where the corners
+lie. A corner on the plane counts as above it, so that a path through a vertex or along an edge needs no special case.
+Every crossing is interpolated between the two ends of its edge, so it lies on the surface. So does the segment between
+two crossings, as both are on one triangle.
 """
 
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ from zpm2.config import CloudConfig
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-# how a path ended: at its target, at a border of the surface, without an edge to cross, too long
+# how a path ended: at its target, at a border of the surface, with no edge to cross, or too long
 ARRIVED, AT_BORDER, NO_EDGE, TOO_LONG = range(4)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePaths:
-    """k paths, all crossings one after the other: those of path i are rows start[i] to start[i + 1]."""
+    """k paths with all their crossings in sequence: path i has the rows start[i] to start[i + 1]."""
 
     start: Indices  # (k + 1,)
     points: Array  # (c, 3) where the paths cross edges, in the surface's coordinates
     faces: Indices  # (c,) the triangle that each crossing leads into
-    ended: Indices  # (k,) `ARRIVED`, or why not; such paths have no crossings
+    ended: Indices  # (k,) `ARRIVED`, or why the path did not arrive; such paths have no crossings
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
-        """(k,) which paths reached their target."""
+        """(k,) whether each path reached its target."""
         return np.asarray(self.ended == ARRIVED)
 
     def of(self, row: int) -> tuple[Array, Indices]:
@@ -50,11 +50,11 @@ def trace_paths(
     centers: Array,
     config: CloudConfig,
 ) -> SurfacePaths:
-    """From each of k points to each of k others.
+    """k paths, each from a point on the surface to another.
 
-    begin, target: (k,) triangles and (k, 3) points on them. centers: (k, 3) the camera's centre. All paths advance
-    together by one crossing, so that a step costs a few array operations. A path ends where it arrives, at a border,
-    after `max_crossings`, or when it is `max_path` times as long as the straight distance.
+    begin, target: (k,) triangles and (k, 3) points on them. centers: (k, 3) the camera's centre for each path. All
+    paths advance together, one crossing per step, so that a step costs only a few array operations. A path ends at its
+    target, at a border, after `max_crossings`, or when it is `max_path` times as long as the straight distance.
     """
     count = len(begin[0])
     normal = _plane(begin[1], target[1], centers)
@@ -72,7 +72,7 @@ def trace_paths(
         if len(active) == 0:
             break
         crossed, at = _crossings(surface, face, normal[active], begin[1][active])
-        crossed[np.arange(len(active)), entry] &= entry < 0  # not back through the edge that it came through
+        crossed[np.arange(len(active)), entry] &= entry < 0  # not back through the edge where the path entered
         ahead = np.einsum("nki,ni->nk", at - place[:, None], target[1][active] - place)
         ahead[~crossed] = -np.inf
         leave = ahead.argmax(1)
@@ -96,7 +96,7 @@ def trace_paths(
 
 
 def _plane(first: Array, second: Array, centers: Array) -> Array:
-    """(k, 3) unit normals of the planes of two points and a centre; zero where they lie on a line."""
+    """(k, 3) unit normals of the planes through two points and a centre; zero if the three lie on a line."""
     normal = np.cross(first - centers, second - centers)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     scale = np.linalg.norm(first - centers, axis=1, keepdims=True) * np.linalg.norm(second - centers, axis=1)[:, None]
@@ -104,7 +104,7 @@ def _plane(first: Array, second: Array, centers: Array) -> Array:
 
 
 def _crossings(surface: SurfaceMesh, face: Indices, normal: Array, through: Array) -> tuple[NDArray[np.bool_], Array]:
-    """(k, 3) which edges of a triangle each plane crosses, and (k, 3, 3) where."""
+    """(k, 3) whether each plane crosses each edge of its triangle, and (k, 3, 3) where."""
     corners = surface.vertices[surface.faces[face]]
     height = np.einsum("nki,ni->nk", corners - through[:, None], normal)
     other, beyond = np.roll(corners, -1, axis=1), np.roll(height, -1, axis=1)
@@ -115,7 +115,7 @@ def _crossings(surface: SurfaceMesh, face: Indices, normal: Array, through: Arra
 
 
 def _edge_of(surface: SurfaceMesh, face: Indices, neighbor: Indices) -> Indices:
-    """(k,) the edge of `face` behind which `neighbor` lies; -1 for no face."""
+    """(k,) the edge that each `face` shares with its `neighbor`; -1 if there is no face."""
     edges = surface.neighbors[np.maximum(face, 0)] == neighbor[:, None]
     return np.where(face >= 0, edges.argmax(1), -1)
 

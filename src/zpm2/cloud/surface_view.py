@@ -1,4 +1,4 @@
-"""A view of a surface: a camera, the mesh that it looks at, and what casts its rays."""
+"""A view of a surface: a camera, the mesh that it sees, and a caster for its rays."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SurfaceView:
-    """A camera and the surface that it looks at."""
+    """A camera and the surface that it sees."""
 
     camera: PosedCamera
     surface: SurfaceMesh
@@ -26,7 +26,7 @@ class SurfaceView:
         return np.asarray(self.camera.center - self.surface.origin)
 
     def cast(self, pixels: Array) -> Hits:
-        """First hits of the lines of sight through (n, 2) px (paper, Eq. raydir)."""
+        """The first hits of the lines of sight through pixels (n, 2) (paper, Eq. raydir)."""
         origins = np.broadcast_to(self.center, (len(pixels), 3))
         return self.caster.first_hits(origins, self.camera.directions(pixels))
 
@@ -38,6 +38,6 @@ class SurfaceView:
         return self.cast(np.c_[x.ravel(), y.ravel()])
 
     def depths(self, points: Array) -> Array:
-        """(n,) depths in the camera of points (n, 3) of the surface."""
+        """(n,) depths of points (n, 3) of the surface along the camera's axis."""
         camera = self.camera
         return np.asarray((points + self.surface.origin) @ camera.rotation[2] + camera.translation[2])

@@ -1,8 +1,9 @@
-"""Regions followed through many images: matches joined to tracks, and contradictions between them resolved.
+"""Joins matches to tracks, which follow a region through many images, and resolves contradictions between matches.
 
-Each pair of images has polygons of its own (guided detection adds some to one image for the other), so those of one
-image that cover the same area are first made one region. Matches then join regions, the most confident first. A match
-that would join two different regions of one image contradicts more confident ones, and is left out.
+The same image has other polygons in each pair, because guided detection adds some for the partner image. So polygons of
+one image that cover the same area are first joined to one region. Matches then join regions of different images, the
+most confident first. A match that would join two different regions of one image contradicts more confident matches and
+is left out.
 """
 
 from collections.abc import Sequence
@@ -40,20 +41,20 @@ class Track:
 
     @property
     def observations(self) -> list[Observation]:
-        """Each polygon of it once, in the order of the matches."""
+        """The polygons of the track, each once, in the order of the matches."""
         found = {(s.view, s.pair, s.polygon.id): s for match in self.matches for s in (match.left, match.right)}
         return list(found.values())
 
     @property
     def views(self) -> list[int]:
-        """The views that see it, ascending."""
+        """Indices of the views that see the region, ascending."""
         return sorted({observation.view for observation in self.observations})
 
 
 def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track], int]:
-    """The tracks, longest first, and how many matches contradict others (a cycle that does not close).
+    """The tracks, longest first, and the number of matches that contradict others (a cycle that does not close).
 
-    same: IoU from which on two polygons of one image are one region.
+    same: two polygons of one image are one region if their IoU is at least this.
     """
     order = sorted(range(len(matches)), key=lambda k: -matches[k].confidence)
     region = _regions([matches[k] for k in order], same)
@@ -90,10 +91,11 @@ def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track
 
 
 def _regions(matches: Sequence[TrackMatch], same: float) -> dict[tuple[int, int, int], int]:
-    """The region of each observation, by view, pair and polygon's id: an index among those of its view.
+    """For each observation (view, pair, polygon id), the index of its region among those of its view.
 
-    The polygons of one pair are different regions. Each polygon, those of the most confident matches first, joins the
-    region that it overlaps most, if by an IoU of `same` or more and if no polygon of its own pair is in it yet.
+    Two polygons of one pair are always different regions. Polygons are taken in the order of their matches, the most
+    confident first. Each joins the region with the largest IoU of at least `same` that does not contain a polygon of
+    its own pair yet; otherwise it starts a new region.
     """
     by_view: dict[int, dict[tuple[int, int], Observation]] = {}
     for match in matches:

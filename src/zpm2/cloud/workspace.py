@@ -1,7 +1,7 @@
-"""A folder with photographs, their cameras and a mesh, as reconstruction programs and data sets leave it.
+"""A folder with photographs, their cameras and a mesh, as reconstruction programs and data sets write it.
 
-COLMAP        images/, sparse/0/ or sparse/ (text or binary), *.ply; also inside dense/, where it undistorts
-IDR, NeuS     image/, cameras.npz or cameras_sphere.npz (DTU, millimetres: scale_mat is not applied)
+COLMAP        images/, sparse/0/ or sparse/ (text or binary), *.ply; also inside dense/ (undistorted)
+IDR, NeuS     image/, cameras.npz or cameras_sphere.npz (DTU: in millimetres, as scale_mat is not applied)
 MVSNet        images/00000000.jpg, cams/00000000_cam.txt
 Strecha       images/0000.jpg, 0000.jpg.camera beside them or in a folder of their own
 """
@@ -44,10 +44,10 @@ def read_views(
 ) -> list[PosedPhotograph]:
     """The photographs of a workspace with their cameras, in natural order.
 
-    images, cameras: where they are, if not in the places above (cameras: a COLMAP model, an .npz, a folder of _cam.txt
-    or .camera files). `notes` gets a sentence on photographs that are left out because their camera model is not
-    supported (without `notes` that is an error), and on doubtful cameras. `InputError` names what was searched for, or
-    the photograph whose camera cannot be its own.
+    images, cameras: where they are, if not in the places above (cameras: a COLMAP model, an .npz file, or a folder of
+    _cam.txt or .camera files). notes: receives a sentence on photographs that are left out because their camera model
+    is not supported (an error without `notes`), and on doubtful cameras. `InputError` if no cameras are found (the
+    message says where they were looked for), and if a camera does not fit its photograph.
     """
     if not os.path.isdir(folder):
         raise InputError(f"workspace {folder} is not a folder: give one with photographs, cameras and a mesh")
@@ -68,14 +68,14 @@ def read_views(
 
 
 def _doubts(views: list[PosedPhotograph]) -> list[str]:
-    """The doubts about the first doubtful camera, and how many more there are."""
+    """The doubts about the first doubtful camera, and the number of other doubtful cameras."""
     doubtful = [found for view in views if (found := doubts(view.camera.camera, f"the camera of {view.name}"))]
     more = f" (and {len(doubtful) - 1} more cameras)" if len(doubtful) > 1 else ""
     return [text + more for text in doubtful[0]] if doubtful else []
 
 
 def find_mesh(folder: Path) -> Path:
-    """The mesh of a workspace: a known name, else the only mesh file. `InputError` where there are none or several."""
+    """The mesh of a workspace: a known name, or else the only mesh file. `InputError` if there are none or several."""
     places = [folder, folder / "dense", folder / "dense" / "0"]
     for place in places:
         for name in MESHES:
@@ -85,8 +85,8 @@ def find_mesh(folder: Path) -> Path:
     if len(found) == 1:
         return found[0]
     if found:
-        raise InputError(f"{folder} holds {', '.join(p.name for p in found)}: say which is the mesh with --mesh")
-    raise InputError(f"looked for {', '.join(MESHES)} or another mesh in {folder}, not there: give one with --mesh")
+        raise InputError(f"{folder} has several meshes: {', '.join(p.name for p in found)}: choose one with --mesh")
+    raise InputError(f"no mesh in {folder}, neither {', '.join(MESHES)} nor another: give one with --mesh")
 
 
 def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[str] | None) -> list[PosedPhotograph]:
@@ -105,7 +105,7 @@ def _read(folder: Path, images: Path | None, cameras: Path | None, notes: list[s
         return _each(some_photographs(pictures), lambda p: cameras / f"{p.name}.camera", files.strecha)
     posed = colmap.read_poses(cameras, notes)
     views = [PosedPhotograph(name, pictures / name, camera) for name, camera in posed.items()]
-    missing = [view.path for view in views if not os.path.isfile(view.path)]  # whatever its name
+    missing = [view.path for view in views if not os.path.isfile(view.path)]  # whatever its suffix
     if missing:
         raise InputError(
             f"{missing[0]}, which the model {cameras} names, does not exist: give its folder with --images"
@@ -124,7 +124,7 @@ def _find_cameras(folder: Path, pictures: Path) -> Path:
         if any((folder / name / f"images.{kind}").is_file() for kind in ("txt", "bin")):
             return folder / name
     raise InputError(
-        f"looked for sparse/0, sparse, {', '.join(NPZ)}, cams/*_cam.txt and *.camera in {folder}, no cameras there: "
+        f"no cameras in {folder}, neither sparse/0, sparse, {', '.join(NPZ)}, cams/*_cam.txt nor *.camera: "
         "give them with --cameras"
     )
 
@@ -133,7 +133,7 @@ def _idr(file: Path, pictures: list[Path]) -> list[PosedPhotograph]:
     worlds = files.archive(file)
     count = sum(name.startswith("world_mat_") and name[10:].isdecimal() for name in worlds)
     if len(pictures) != count:
-        raise InputError(f"{file} holds {count} cameras, and there are {len(pictures)} photographs: complete them")
+        raise InputError(f"{file} has {count} cameras for {len(pictures)} photographs: give one camera for each")
     return [_view(picture, *files.idr(worlds, k, file)) for k, picture in enumerate(pictures)]
 
 
@@ -144,6 +144,6 @@ def _each(
 
 
 def _view(picture: Path, matrix: Array, pose: Array) -> PosedPhotograph:
-    """A photograph with a camera from a file that counts pixel centres from 0."""
+    """A photograph and its camera, from a file where the first pixel's centre has the coordinate 0."""
     camera = Camera(files.intrinsics(matrix), image_size(picture))
     return PosedPhotograph(picture.name, picture, PosedCamera(camera, pose[:3, :3], pose[:3, 3]))

@@ -1,4 +1,4 @@
-"""Whether what an earlier run left may be taken: content of the inputs, configuration and code are the same."""
+"""Resume keys: results of an earlier run are used again if inputs, configuration and code are the same."""
 
 import functools
 import hashlib
@@ -15,17 +15,17 @@ BLOCKS = 64  # of a file that are looked at: all of up to 4 MB
 
 
 def key(files: Iterable[str | Path], *more: object) -> str:
-    """A name for what these input files and `more` (plain values: configuration, names) give with this code.
+    """A key for the results of these input files, of `more` (plain values: configuration, names), and of this code.
 
-    A file that was replaced, touched, or is missing gives another key; where it lies does not matter. Weights are part
-    of the code, as the manifest in it holds their sha256 and no other file is taken for them.
+    The key changes if a file is replaced, touched, or missing; the place of a file does not matter. The code covers the
+    weights: it contains the manifest with their sha256, and no other file is accepted for them.
     """
     text = json.dumps([code(), [stamp(file) for file in files], *more], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def stamp(file: str | Path) -> tuple[str, int] | None:
-    """What a file holds and when it was written (ns); None where it is missing."""
+    """Fingerprint of a file's content and the time when it was written (ns); None if it is missing."""
     try:
         return fingerprint(file), os.stat(file).st_mtime_ns
     except OSError:
@@ -33,8 +33,10 @@ def stamp(file: str | Path) -> tuple[str, int] | None:
 
 
 def fingerprint(file: str | Path) -> str:
-    """The size of a file and a hash of its content: of all of it up to 4 MB, else of 64 blocks spread over it evenly,
-    so that gigabytes cost no time. `OSError` where it cannot be read."""
+    """The size of a file and a hash of its content. `OSError` if it cannot be read.
+
+    Up to 4 MB, all of the content is hashed; of larger files, 64 blocks spread evenly, so that gigabytes cost no time.
+    """
     digest = hashlib.sha256()
     with regular(Path(file)).open("rb") as opened:
         size = opened.seek(0, os.SEEK_END)
@@ -48,13 +50,15 @@ def fingerprint(file: str | Path) -> str:
 
 @functools.cache
 def code() -> str:
-    """A hash of the source files of this package, worked out once in a process."""
+    """A hash of the source files of this package, computed once per process."""
     return _code_in(Path(__file__).parents[1])
 
 
 def code_of(module: str) -> str:
-    """The same of the package that an imported module belongs to; of its one file, where it is in no package. Nothing
-    for a module without files."""
+    """A hash of the source files of the package that an imported module belongs to.
+
+    For a module outside any package, a hash of its file; empty for a module without files.
+    """
     found = sys.modules.get(module.partition(".")[0])
     places = [] if found is None else [*getattr(found, "__path__", [])] or [getattr(found, "__file__", None) or ""]
     return "-".join(_code_in(Path(place)) for place in sorted(places) if place)

@@ -1,4 +1,4 @@
-"""Files and folders of the user: what must be there, in a fixed order, small text files."""
+"""Files and folders of the user: checks that they exist, lists them in a fixed order, reads small text files."""
 
 import json
 import os
@@ -16,7 +16,7 @@ _RUNS = re.compile(r"[0-9]+|[^0-9]+")
 def existing(*candidates: Path) -> Path:
     """The first of `candidates` that exists; `InputError` names every one that was looked for."""
     for path in candidates:
-        if os.path.exists(path):  # which knows of no name that is too long, or has a NUL
+        if os.path.exists(path):  # False for names that are too long or contain a NUL
             return path
     looked = " and ".join(str(path) for path in candidates)
     raise InputError(f"looked for {looked}, not there: check the path, or complete the download")
@@ -28,7 +28,7 @@ def folders(folder: Path) -> list[Path]:
 
 
 def distinct_names(paths: Sequence[Path]) -> list[str]:
-    """A name for each of some files: its own, or where two are called the same, that below the folder of all."""
+    """A name for each file: its own, or, if two files have the same, its path below the folder common to all."""
     names = [path.name for path in paths]
     if len(set(names)) == len(names):
         return names
@@ -41,7 +41,7 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
 
 
 def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
-    """Sorts scan9 before scan10, and what only differs in leading zeros by its letters."""
+    """Sort key that puts scan9 before scan10. Names that only differ in leading zeros are sorted by character."""
     runs = _RUNS.findall(path.name)
     return [(False, int(run), "") if run[0] in "0123456789" else (True, 0, run) for run in runs], path.name
 

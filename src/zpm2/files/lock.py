@@ -1,4 +1,4 @@
-"""One run at a time: an advisory lock on a file, which the system releases when its process ends, however it ends."""
+"""One run at a time: an advisory lock on a file. The system releases it when the process ends, however it ends."""
 
 import contextlib
 import errno
@@ -24,11 +24,11 @@ class AlreadyLocked(Exception):
 
 @contextlib.contextmanager
 def locked(file: Path) -> Iterator[None]:
-    """Locks a file, which is made for this and removed after it.
+    """Creates a file, locks it, and removes it afterwards.
 
-    `AlreadyLocked` at once where another process, or an enclosing call, holds the lock; `OSError` where the file cannot
-    be made. The file that a killed process left locks nothing. On disks without locks, such as some network
-    drives, nothing is locked, and a warning is logged.
+    `AlreadyLocked` immediately if another process, or an enclosing call, holds the lock; `OSError` if the file cannot
+    be created. A file left by a killed process locks nothing. On disks without locks, such as some network drives,
+    nothing is locked and a warning is logged.
     """
     opened = _opened(file)
     try:

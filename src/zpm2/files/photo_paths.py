@@ -1,4 +1,4 @@
-"""The photographs of a saved result, named so that they are found again: relative to its folder, and absolute."""
+"""How a saved result refers to its photographs, so that they are found again: by relative and absolute paths."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -30,9 +30,9 @@ def photo_reference(path: str | None, folder: Path) -> dict[str, str | None]:
 def find_photo(values: Mapping[str, object], folder: Path) -> str | None:
     """The path of the photograph of a `photo_reference`, for a result that now lies in `folder`.
 
-    It is looked for relative to that folder, then at its absolute path; a file with the same content comes before one
-    that only has the name. Where there is neither, the absolute path. `TypeError` or `KeyError` for values of another
-    kind.
+    The photograph is looked for relative to that folder, then at its absolute path. A file with the same content is
+    preferred to one that only has the same name. If neither exists, the absolute path is returned. `TypeError` or
+    `KeyError` for malformed values.
     """
     path, relative = values["path"], values.get("relative_path")
     if not isinstance(path, str | None) or not isinstance(relative, str | None):

@@ -1,7 +1,7 @@
 """Files read safely: bytes, text, JSON, TOML and numpy arrays, with two kinds of error.
 
-`OSError` where the system cannot read a file, and `ValueError` where its content is wrong, whatever the library below
-raises. The caller, who knows what the file is for, turns them into a `Zpm2Error`. A size that a file declares is
+Whatever the libraries raise, the errors are `OSError` if the system cannot read a file, and `ValueError` if its content
+is wrong. The caller, who knows what the file is for, turns them into a `Zpm2Error`. A size that a file declares is
 checked against the length of the file before it is used.
 """
 
@@ -33,9 +33,9 @@ _NPY = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_
 
 
 def regular(path: Path) -> Path:
-    """The path of a file that ends, under a name that we can write down again.
+    """The path, if it is a regular file whose name is valid UTF-8.
 
-    `OSError` for a folder, and for a pipe or a device, at which reading would wait or go on for ever.
+    Otherwise `OSError`: reading a pipe or a device might wait or go on for ever.
     """
     try:
         str(path).encode()
@@ -52,7 +52,7 @@ def regular(path: Path) -> Path:
 
 
 def read_bytes(path: Path) -> bytes:
-    """All of a file; `OSError` where it is larger than the budget of memory."""
+    """The whole content of a file; `OSError` if it is larger than the memory budget."""
     if (length := os.stat(regular(path)).st_size) > (most := memory.budget()):
         text = f"it has {memory.in_words(length)}, more than the {memory.in_words(most)} of memory: raise --max-memory"
         raise OSError(errno.EFBIG, text)
@@ -87,8 +87,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def unpack_gzip(path: Path) -> bytes:
-    """What a .gz file holds: up to `MAX_UNPACKED_BYTES` bytes, or `MAX_PACKING` times its length, which no text of
-    numbers reaches."""
+    """The content of a .gz file: up to `MAX_UNPACKED_BYTES` bytes, or `MAX_PACKING` times its length.
+
+    Texts of numbers never compress that well.
+    """
     packed = read_bytes(path)
     most = max(MAX_UNPACKED_BYTES, MAX_PACKING * len(packed))
     with gzip.open(io.BytesIO(packed)) as file:

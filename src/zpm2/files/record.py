@@ -30,8 +30,10 @@ FOLDER = "folder"  # in place of a fingerprint
 
 
 def create_record(folder: Path) -> None:
-    """Starts the record of a folder, unless it lies in a folder that is on a record already; removes what killed runs
-    left. `OutputError` where the hidden folder's name is taken by something else; `OSError`."""
+    """Starts the record of a folder, unless it lies in one that is on a record.
+
+    Also removes what killed runs left. `OutputError` if the hidden folder's name is taken by something else; `OSError`.
+    """
     home = _home(folder / HIDDEN)
     if home is None or (home != _absolute(folder) and not _lies_in_made(folder, home)):
         hidden = folder / HIDDEN
@@ -71,8 +73,10 @@ def remove_record(folder: Path) -> None:
 
 
 def refuse_foreign(path: Path) -> None:
-    """`OutputError` where a claimed folder has something of that name that no run made, or that was changed since. An
-    empty folder may be there."""
+    """`OutputError` if a claimed folder has something of that name that no run made, or that was changed since.
+
+    An empty folder is allowed.
+    """
     home = _home(path)
     if home is None or not os.path.lexists(path) or _is_own(path, home):
         return
@@ -243,8 +247,10 @@ def _parts(home: Path) -> Path:
 
 
 def _alive(process: int) -> bool:
-    """Whether a process is at work: its files stay. Windows does not let go of files that are open, and has no harmless
-    signal to ask with."""
+    """Whether a process is still running, so that its files must stay.
+
+    On Windows, the answer is not needed: open files cannot be removed there. It has no harmless signal to ask with.
+    """
     if sys.platform == "win32":
         return False
     try:

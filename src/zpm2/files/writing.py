@@ -39,9 +39,9 @@ def atomic_write(path: str | Path, content: bytes | str) -> Path:
 
 
 def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
-    """The folder for results, created where it is missing and tried out, so that a long run cannot fail at its end.
+    """The folder for results, created if missing, and tested for writing, so that a long run does not fail at its end.
 
-    `OutputError` when `path` is a file (one of `inputs`, for instance), cannot be created, or cannot be written into.
+    `OutputError` if `path` is a file (one of `inputs`, for instance), cannot be created, or cannot be written into.
     """
     path = Path(path)
     for source in inputs:
@@ -64,8 +64,8 @@ def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
 def claim(path: str | Path, names: Iterable[str], inputs: Iterable[str | Path] = ()) -> Path:
     """The output folder (`output_folder`) of a caller who will write the files and folders `names` there.
 
-    From now on only what a run of zpm2 made is replaced in it (`record`). `OutputError` where one of the names is taken
-    by something else, by something that was changed since, or by one of `inputs`.
+    From now on, only files and folders that a run of zpm2 made are replaced in it (`record`). `OutputError` if one of
+    the names is taken by something else, by something that was changed since, or by one of `inputs`.
     """
     sources = [Path(source) for source in inputs]
     folder = output_folder(path, sources)
@@ -89,8 +89,8 @@ def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()
     """Claims a folder and locks it for one run. If the run ends early and has written nothing, the folder is removed
     again.
 
-    `OutputError` as from `claim`, where another run is at work in it, and for a full or read-only disk, wherever that
-    is met.
+    `OutputError` as from `claim`, if another run is at work in the folder, and for a full or read-only disk, at any
+    point of the run.
     """
     fresh = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
@@ -109,7 +109,7 @@ def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()
 
 
 def _holds(target: Path, source: Path) -> bool:
-    """Whether what is written to `target` would take the place of an input."""
+    """Whether writing to `target` would overwrite the input `source`."""
     return _same(target, source) or (target.is_dir() and target.resolve() in source.resolve().parents)
 
 

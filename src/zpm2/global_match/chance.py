@@ -1,12 +1,12 @@
 """Whether a geometry is more than chance, and whether a camera can have seen it.
 
-Some points of any two photographs agree on some epipolar geometry. How many do so by chance is tested a contrario
-(Moisan and Stival, A probabilistic criterion to detect rigid point matches between two images, IJCV 2004): by the
-expected number of geometries, among all that samples of the points define, on which as many of them would agree if each
-left point had a random partner. Two things differ from that publication, as the points of unrelated photographs are not
-spread evenly. The chance that a pair agrees is measured, on the same points with other partners, instead of computed
-from areas. And points close to each other in both images show the same texture: they are not independent evidence and
-count once.
+In any two photographs, some points agree on some epipolar geometry. Whether more agree than by chance is tested a
+contrario (Moisan and Stival, A probabilistic criterion to detect rigid point matches between two images, IJCV 2004).
+Samples of the points define many geometries. The test is the expected number of these on which as many points would
+agree if each left point had a random partner. Two things differ from that publication, as the points of unrelated
+photographs are not spread evenly. The chance that a pair agrees is measured on the same points with other partners, not
+computed from areas. Points close to each other in both images show the same texture, so they are not independent
+evidence and count once.
 """
 
 from math import lgamma, log, log10

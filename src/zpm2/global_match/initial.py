@@ -54,7 +54,7 @@ class InitialGeometry:
 
     @property
     def agreeing(self) -> int:
-        """How many points agree on one epipolar geometry; 0 where there is none."""
+        """How many points agree on one epipolar geometry; 0 without F."""
         return 0 if isinstance(self.fundamental, Failed) else int(self.consistent.sum())
 
     @cached_property

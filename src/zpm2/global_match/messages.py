@@ -1,4 +1,4 @@
-"""What a user is told about the geometry of a pair."""
+"""Warnings and notes about the geometry of a pair."""
 
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed

@@ -10,10 +10,10 @@ one level, mapped down, is the next level's search window. Where the paper leave
   rectification), so that a rotated or scaled pair correlates.
 - The epipolar constraint is a distance in px of the level. It restricts the positions that are searched, instead of
   rejecting the best one afterwards.
-- Without texture in the template, with a search window outside the right image or a band that misses the window, the
+- If the template has no texture, the search window lies outside the right image, or the band misses the window, the
   centre stays where the level above (or H) put it, and `PyramidLocations.found` is False.
 
-`reference.py` is the same in plain loops, for reading and for tests.
+`reference.py` implements the same in plain loops, for reading and for tests.
 """
 
 from dataclasses import dataclass
@@ -174,8 +174,10 @@ def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array
 
 
 def _box_sums(values: NDArray[np.float32], t: int) -> tuple[Array, Array]:
-    """Sums of the values, and of their squares, in each t x t box of (m, s, s) areas. All areas are filtered as one
-    picture; boxes across the border of two are cut off."""
+    """Sums of the values and of their squares in each t x t box of (m, s, s) areas.
+
+    All areas are filtered as one picture; boxes that lie across the border of two areas are dropped.
+    """
     m, s, _ = values.shape
     picture, n = values.reshape(m * s, s), s - t + 1
     total, squares = (

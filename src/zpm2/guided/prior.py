@@ -14,7 +14,7 @@ from zpm2.polygons.warp import WarpedPolygons
 
 @dataclass(frozen=True, eq=False)
 class GuidedPrior:
-    """What is known of m left and n right polygons before they are matched."""
+    """What is known about m left and n right polygons before they are matched."""
 
     warped: WarpedPolygons  # the left ones in the right image
     confident: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (m,), (n,) passed `segment`'s thresholds

@@ -73,7 +73,7 @@ def detect(
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
 ) -> PromptedPair:
-    """Segments the left image completely, prompts the right one with the left polygons, and completes it likewise."""
+    """Segments everything in the left image, prompts the right image with its polygons, and segments the rest there."""
     segment, loose = config.segment, _loose_thresholds(config)
     found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
     left = _regions(views[0], found, config, 0)
@@ -86,9 +86,9 @@ def detect(
 def redetect(
     pair: PromptedPair, matches: Sequence[PolygonMatch], initial: InitialGeometry, config: Config
 ) -> PromptedPair:
-    """The regions, and those that the right polygons without a match find in the left image as prompts.
+    """Prompts the left image with the unmatched right polygons, and adds the regions that this finds.
 
-    A mask that shows one of the left regions is left out: that region is a candidate already, as it overlaps.
+    A mask that shows a known left region is left out: that region overlaps the prompt, so it is already a candidate.
     """
     left, right = pair.left, pair.right
     matched = {match.right for match in matches}
@@ -114,7 +114,7 @@ def redetect(
 
 
 def guided_prior(pair: PromptedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
-    """What the matcher learns of the pair; `polygons` are the left ones."""
+    """What the matcher needs to know about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
     warped = warp_by_points(polygons, *initial.forward(), config.local_match)
     return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
@@ -158,8 +158,10 @@ def accepted_masks(
 
 
 def prompts(cover: NDArray[np.bool_], mask_scale: float) -> Prompts:
-    """For each shape of `cover` (n, h, w), none empty, its box and the pixel farthest from its outline, of several the
-    first one, row by row."""
+    """For each shape of `cover` (n, h, w), none empty: its box and the pixel farthest from its outline.
+
+    Of several such pixels, the first one row by row.
+    """
     points = np.zeros((len(cover), 3, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
@@ -182,7 +184,7 @@ def _predict_in(
 
 
 def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
-    """Of each prompt the row of the mask that overlaps `target[prompt]` most, and their IoU."""
+    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU."""
     bits, wanted = predictions.bits, target[predictions.prompt]
     overlap = (bits & wanted).sum((1, 2)) / np.maximum((bits | wanted).sum((1, 2)), 1)
     order = np.lexsort((-overlap, predictions.prompt))
@@ -193,8 +195,10 @@ def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDAr
 def _return_overlap(
     view: PromptedView, predictions: MaskPredictions, regions: ViewRegions, back: PointsAndH, config: Config
 ) -> Array:
-    """(n,) the round trip: IoU of each region with the best mask that its own image predicts for the prediction,
-    warped back."""
+    """(n,) the round trip: each prediction is warped back and prompts the region's own image.
+
+    Returns the IoU of each region with the best mask predicted there.
+    """
     result = np.zeros(len(predictions))
     polygons, rows = _traced(view, predictions, config, 1.0)
     shapes = warp_by_points(PolygonArrays(polygons), *back, config.local_match).shapes

@@ -14,12 +14,12 @@ DENSE_SIZE = 64  # polygons of a side up to which a component is solved as a den
 
 
 def matching_cost(psi: Array, dsf: NDArray[np.int64], texture: Array, config: LocalConfig) -> Array:
-    """(c,) zeta of Eq. (cost), > 0: from shape `psi` and DSF where there are `config.gamma` points, else from shape and
-    texture.
+    """(c,) zeta of Eq. (cost), > 0.
 
-    A negative correlation counts as none: the printed formula would turn it into a negative cost, which is the best.
-    With `config.few_points`, DSF / gamma takes the place of texture where it is larger: small polygons have few points,
-    and little texture once their outlines differ by a pixel.
+    It is computed from shape `psi` and DSF if there are `config.gamma` points, otherwise from shape and texture. A
+    negative correlation counts as 0: the printed formula would turn it into a negative cost, which is the best one.
+    With `config.few_points`, DSF / gamma replaces texture if it is larger: small polygons have few points, and hardly
+    any texture once their outlines differ by a pixel.
     """
     spectral = np.maximum(texture, 0.0)
     if config.few_points:

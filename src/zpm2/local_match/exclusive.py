@@ -1,13 +1,13 @@
 """Mutually exclusive matched regions (claimed by the paper in 3.4), exact to the pixel.
 
 Regions of segment everything contain and overlap each other. Here each pixel of both images goes to one match at most.
-All matches have one order for both images, so that where two overlap the same one gets the pixels on both sides: the
-most confident match first, but parts (polygons that lie mostly in a larger one) before their wholes.
+Both images use the same order of matches, so that of two overlapping matches the same one gets the pixels in both. The
+most confident match comes first, but parts (polygons that lie mostly in a larger one) come before their wholes.
 
-The matches take their pixels in that order. From what the earlier ones left of its two polygons, a match either keeps
-one 4-connected piece on each side, which may have holes, or it is dropped and takes nothing. Pixels of dropped matches
-and of other pieces remain for later matches. No match takes pixels from an earlier one, so one pass is enough, and a
-second one changes nothing.
+The matches take their pixels in that order. Of the pixels that earlier matches left, a match either keeps one
+4-connected piece in each image, which may have holes, or it is dropped and takes nothing. Pixels of dropped matches and
+of other pieces remain for later matches. No match takes pixels from an earlier one, so one pass is enough: a second one
+changes nothing.
 """
 
 import dataclasses
@@ -40,9 +40,9 @@ def without_overlaps(
 ) -> tuple[ImagePolygons, ImagePolygons, list[PolygonMatch]]:
     """Both images of a pair and its matches, without pixels that two matches share.
 
-    `pairs` are the polygons of each match; for the rest see `exclusive`. The polygons of matches that go stay as they
-    were, and have "rejected" as the reason why they have no partner. Homologous vertices and outlines were those of
-    the old exteriors, and are left out.
+    `pairs` are the polygons of each match; for the other arguments see `exclusive`. The polygons of dropped matches
+    stay unchanged, with "rejected" as the reason why they have no partner. Homologous vertices and outlines belong to
+    the old exteriors and are left out.
     """
     confidence = np.array([match.confidence for match in matches], np.float64)
     sizes = (left.width, left.height), (right.width, right.height)
@@ -61,7 +61,7 @@ def without_overlaps(
 
 
 def _updated(side: ImagePolygons, polygons: Sequence[Polygon], lost: Sequence[int]) -> ImagePolygons:
-    """The side with `polygons` in the place of those that have their ids, and without a partner for the ids `lost`."""
+    """The side with `polygons` replacing those of the same ids. The ids `lost` no longer have a partner."""
     new = {polygon.id: polygon for polygon in polygons}
     return dataclasses.replace(
         side,
@@ -81,10 +81,10 @@ def exclusive(
     """What each of n matched (left, right) polygons keeps; None for the matches that are dropped.
 
     `confidence` (n,) ranks the matches. `maps` (n, 3, 3) lead from left to right: right ~ map @ left, image px. `sizes`
-    are those of the images. A match from which nothing was taken stays. Any other is dropped if a piece that is left
-    has less than `min_area` pixels, or if the two pieces do not correspond any more, as different parts were taken in
-    the two images: the IoU of the right piece and the warped left one must reach `config.min_overlap`, or the share
-    `config.min_kept` of the IoU of the whole polygons.
+    are those of the images. A match that lost no pixels stays. Any other match is dropped if one of its pieces has less
+    than `min_area` pixels, or if the two pieces no longer correspond because different parts were taken in the two
+    images. They correspond if the IoU of the right piece and the warped left one reaches `config.min_overlap`, or the
+    share `config.min_kept` of the IoU of the whole polygons.
 
     A polygon's pixels are those with their centre inside. The pieces are traced along pixel edges, so areas are pixel
     counts; id, score, parent and label stay. The order of the pairs does not matter if their left ids are distinct.
@@ -205,8 +205,10 @@ def _sizes(sides: tuple[_ImageMasks, _ImageMasks]) -> Array:
 def _kept_pieces(
     sides: tuple[_ImageMasks, _ImageMasks], k: int, matrix: Array, min_area: float, config: ExclusiveConfig
 ) -> tuple[Mask, Mask] | None:
-    """The pieces that match k keeps, one on each side: of the free pieces that are large enough, the two that share the
-    most pixels when warped; None where there are none or those two do not correspond."""
+    """The pieces that match k keeps, one in each image; None if there are none or they do not correspond.
+
+    Of the free pieces that are large enough, they are the two that share the most pixels when warped.
+    """
     areas = [int(side.areas[k]) for side in sides]
     free = [side.free(k) for side in sides]
     parts = [
@@ -226,8 +228,10 @@ def _kept_pieces(
 
 
 def _overlap(sides: tuple[_ImageMasks, _ImageMasks], left: Mask, right: Mask, matrix: Array) -> float:
-    """IoU, 0..1, of two masks where both images show them, from the share of each that the other one, warped,
-    covers."""
+    """IoU, 0..1, of two masks within the area that both images show.
+
+    It follows from the share of each mask that the other one covers when warped.
+    """
     back = np.asarray(np.linalg.inv(matrix), np.float64)
     shared = _shared_pixels([right], [left], back)[0, 0], _shared_pixels([left], [right], matrix)[0, 0]
     visible = _visible_pixels(left, back, sides[1].size), _visible_pixels(right, matrix, sides[0].size)
@@ -255,7 +259,10 @@ def _shared_pixels(source: Sequence[Mask], target: Sequence[Mask], matrix: Array
 
 
 def _warped(labels: NDArray[np.uint8], matrix: Array, x0: int, y0: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Labels in the crop of `shape` at (x0, y0). `matrix` leads to image px from OpenCV's, pixel centres from 0 on."""
+    """The labels warped into the crop of `shape` at (x0, y0).
+
+    `matrix` maps OpenCV's px (first pixel centre at 0) to image px.
+    """
     to_crop = np.array([[1, 0, -x0 - 0.5], [0, 1, -y0 - 0.5], [0, 0, 1]])
     return np.asarray(cv2.warpPerspective(labels, to_crop @ matrix, shape[::-1], flags=cv2.INTER_NEAREST), np.uint8)
 

@@ -1,4 +1,4 @@
-"""The local matcher (paper 3.4): score the candidate pairs, assign them, and try again what is left."""
+"""The local matcher (paper 3.4): score the candidate pairs, assign them, and retry the polygons left unmatched."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -20,11 +20,11 @@ from zpm2.model import PolygonMatch, Stage
 def match_polygons(problem: MatchProblem, config: LocalConfig) -> list[PolygonMatch]:
     """One-to-one matches between the left and right polygons, in ascending order of left id.
 
-    The first round assigns the candidates of the pyramid (`stage` "global"). The second round tries new pairs of the
-    polygons that stayed unmatched: those that share homologous points, and those at which a left polygon arrives if it
-    moves as its matched neighbours do ("local", 3.4: re-matching of what the global stage could not resolve). With a
-    `guided_prior`, right polygons that touch a warped left one are candidates of the first round as well, and a match
-    with a polygon that was found by prompting is "guided".
+    The first round assigns the candidates of the pyramid (`stage` "global"). The second round tries new pairs of
+    polygons that are still unmatched: pairs that share homologous points, and pairs whose right polygon lies where the
+    left one would be if it moved like its matched neighbours ("local", 3.4: re-matching of what the global stage could
+    not resolve). With a `guided_prior`, right polygons that touch a warped left one are also candidates of the first
+    round. A match with a polygon that was found by prompting is "guided".
     """
     matches = []
     for scorer, scores, chosen, stage in _rounds(problem, config):
@@ -33,8 +33,10 @@ def match_polygons(problem: MatchProblem, config: LocalConfig) -> list[PolygonMa
 
 
 def possible_matches(problem: MatchProblem, config: LocalConfig) -> list[PolygonMatch]:
-    """Every pair of both rounds of `match_polygons` that costs less than staying unmatched, for `one_to_one` to decide
-    over many parts of an image at once. A polygon may be in several."""
+    """All pairs of both rounds of `match_polygons` that cost less than staying unmatched.
+
+    A polygon may be in several pairs. `one_to_one` can then decide over many parts of an image at once.
+    """
     matches = []
     for scorer, scores, _, stage in _rounds(problem, config):
         matches += _as_matches(scorer, scores, np.flatnonzero(scores.cost < config.iota), stage)
@@ -42,7 +44,7 @@ def possible_matches(problem: MatchProblem, config: LocalConfig) -> list[Polygon
 
 
 def one_to_one(matches: Sequence[PolygonMatch], config: LocalConfig) -> list[PolygonMatch]:
-    """Of `matches` those of least total cost in which no polygon occurs twice (LHBGO, 3.4.3), by ascending left id."""
+    """The subset of `matches` with the lowest cost in which no polygon occurs twice (LHBGO, 3.4.3), by left id."""
     left, right, cost = (np.array([getattr(m, name) for m in matches]) for name in ("left", "right", "cost"))
     chosen = assignment.assign_optimal(Candidates(left.astype(int), right.astype(int)), cost.astype(float), config.iota)
     return sorted((matches[row] for row in chosen), key=lambda match: match.left)
@@ -51,7 +53,7 @@ def one_to_one(matches: Sequence[PolygonMatch], config: LocalConfig) -> list[Pol
 def _rounds(
     problem: MatchProblem, config: LocalConfig
 ) -> Iterator[tuple[CandidateScorer, CandidateScores, NDArray[np.int64], Stage]]:
-    """Of each round the scores of its pairs, the rows of those that are matched, and the stage."""
+    """For each round: the scores of its pairs, the rows of the matched ones, and the stage."""
     left, right = problem.polygons
     if len(left) == 0 or len(right) == 0:
         return

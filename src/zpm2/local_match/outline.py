@@ -2,9 +2,9 @@
 
 The left outline, warped into the right image by the pair's map, and the right one are sampled at equal steps of arc
 length. A cyclic alignment goes once around both at the same time and never steps back. It pairs the samples at the
-least total cost: their distance, the angle between the outlines there, and the distance of one to the epipolar line of
-the other, which tells most about a point's position along an outline. Where one outline has a bump that the other has
-not, the other waits, and the residual is large. In the end each pair is refined between the samples.
+least total cost: their distance, the angle between the outlines, and the distance of one to the epipolar line of the
+other, which says most about a point's position along an outline. If only one outline has a bump, the alignment waits on
+the other, and the residuals are large there. Finally, each pair is refined between the samples.
 """
 
 import dataclasses
@@ -102,7 +102,7 @@ def align(cost: Array, config: OutlineConfig) -> NDArray[np.int64]:
 
 
 def _cheapest_run(cost: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], window: int) -> NDArray[np.int64]:
-    """(2,) of the pairs (row, column) the one in the middle of the cheapest run of 2 window + 1 pairs."""
+    """(2,) the pair (row, column) in the middle of the cheapest run of 2 window + 1 pairs."""
     ahead = np.arange(-window, window + 1)
     run = cost[(rows[:, None] + ahead) % cost.shape[0], (columns[:, None] + ahead) % cost.shape[1]]
     k = int(run.sum(1).argmin())

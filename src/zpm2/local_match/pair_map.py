@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 def matched_pairs(
     left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch]
 ) -> list[tuple[Polygon, Polygon]]:
-    """The left and the right polygon of each match. `InputError` where a match names one that is not there."""
+    """The left and the right polygon of each match. `InputError` if a match names a polygon that does not exist."""
     lefts, rights = ({polygon.id: polygon for polygon in side.polygons} for side in (left, right))
     for match in matches:
         if match.left not in lefts or match.right not in rights:
@@ -34,10 +34,10 @@ def pair_maps(
 ) -> Array:
     """(n, 3, 3) maps, right ~ map @ left in image px, of n matched pairs: row k of `left` and row k of `right`.
 
-    With `config.gamma` homologous points inside both polygons, a homography fitted to them (paper 3.4.1). Otherwise one
-    of two hypotheses, the one under which the polygons overlap more: the local affine part of `homography`, moved to
-    the few points there are, or the same enlarged and moved so that areas and centroids agree. The latter needs neither
-    points nor `homography`, but mistakes a partly hidden polygon for a smaller one.
+    With `config.gamma` homologous points inside both polygons, the map is a homography fitted to them (paper 3.4.1).
+    Otherwise it is one of two hypotheses, whichever makes the polygons overlap more: the local affine part of
+    `homography`, moved to the few points available, or the same, scaled and moved so that areas and centroids agree.
+    The latter needs neither points nor `homography`, but mistakes a partly hidden polygon for a smaller one.
     """
     linear = _linear(left.centers, homography)
     by_points, count = _by_points(left, right, points, linear, config)

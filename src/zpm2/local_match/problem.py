@@ -1,4 +1,4 @@
-"""What the local matcher decides about."""
+"""The input of the local matcher."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from zpm2.model import Image, PolygonArrays
 
 @dataclass(frozen=True, eq=False)
 class MatchProblem:
-    """Two images with their polygons, and what is known of them before they are compared."""
+    """Two images with their polygons, and what is known about these before they are compared."""
 
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]

@@ -1,4 +1,4 @@
-"""Scores of candidate pairs: overlap, shape, shared points, texture, and the cost of them (paper 3.4.1 and 3.4.2)."""
+"""Scores of candidate pairs: overlap, shape, shared points, texture, and the resulting cost (paper 3.4.1, 3.4.2)."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CandidateScores:
-    """What is known of each of c candidate pairs."""
+    """The scores of c candidate pairs."""
 
     pairs: Candidates
     dsf: NDArray[np.int64]  # (c,) homologous points inside both
@@ -34,7 +34,7 @@ class CandidateScores:
 
 
 class CandidateScorer:
-    """Scores pairs of one problem. What all pairs need, as texture patches, is computed once."""
+    """Scores pairs of one problem. Data that all pairs need, such as texture patches, is computed once."""
 
     def __init__(self, problem: MatchProblem, config: LocalConfig) -> None:
         self.problem, self.config = problem, config
@@ -85,8 +85,11 @@ class CandidateScorer:
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
 
     def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
-        """(c,) 0..1, share of the homologous points inside either polygon that are inside both, by Laplace's rule of
-        succession: one more point in both, and one more in one of them, so that few points say little."""
+        """(c,) 0..1, share of the homologous points inside either polygon that are inside both.
+
+        By Laplace's rule of succession, one point in both and one point in only one are added, so that a few points
+        have little weight.
+        """
         inside = self.shared_points.inside
         either = inside[0][pairs.left] + inside[1][pairs.right] - dsf
         return (dsf + 1) / (either + 2)
@@ -124,8 +127,10 @@ class CandidateScorer:
 
 
 def _exterior(rectified: shapely.Geometry, original: Array) -> Array:
-    """(n, 2) the exterior of a rectified polygon, with the vertices of the original one; the original exterior where
-    the polygon had to be repaired, as the descriptor is invariant to all but the distortion."""
+    """(n, 2) the exterior of a rectified polygon, with the vertices of the original one.
+
+    If the polygon had to be repaired, the original exterior: the descriptor is invariant to all but the distortion.
+    """
     if isinstance(rectified, shapely.Polygon) and not rectified.is_empty:
         ring = np.asarray(shapely.get_coordinates(rectified.exterior)[:-1])
         if len(ring) == len(original):

@@ -1,4 +1,4 @@
-"""How data prints itself: on one line, whatever it holds."""
+"""How data classes print themselves: on one line, however much they hold."""
 
 import dataclasses
 from collections.abc import Mapping, Sized
@@ -13,8 +13,11 @@ LONGEST = 60  # characters of a text
 
 
 def brief(data: "DataclassInstance") -> str:
-    """The `repr` of a dataclass that holds arrays or lists: numbers and names as they are, the shape of arrays, the
-    length of lists and tables. Fields with their default value, and those with repr=False, are left out."""
+    """The `repr` of a dataclass that holds arrays or lists.
+
+    It shows numbers and names, the shape of arrays, and the length of lists and tables. Fields with their default value
+    and fields with repr=False are left out.
+    """
     shown = []
     for field in dataclasses.fields(data):
         value = getattr(data, field.name)

@@ -17,7 +17,7 @@ _FINE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole with the radial and tangential distortion of Brown and Conrady, as OpenCV and COLMAP have it."""
+    """A pinhole camera with the radial and tangential distortion of Brown and Conrady, as in OpenCV and COLMAP."""
 
     matrix: Array  # (3, 3) K, px of the original image, pixel centres at +0.5
     size: tuple[int, int]  # (width, height) of the image, px
@@ -64,7 +64,7 @@ class Camera:
         return np.asarray(bent[:, 0], np.float64)
 
     def to_dict(self) -> dict[str, object]:
-        """As result files have it."""
+        """The camera as it is written to result files."""
         return {
             "matrix": self.matrix.tolist(),
             "distortion": self.distortion.tolist(),
@@ -86,7 +86,7 @@ class PosedCamera:
 
     @property
     def center(self) -> Array:
-        """(3,) where it stands, O = -R^T t."""
+        """(3,) the projection centre, O = -R^T t."""
         return np.asarray(-self.rotation.T @ self.translation)
 
     def directions(self, points: Array) -> Array:
@@ -94,7 +94,7 @@ class PosedCamera:
         return np.asarray(np.c_[self.camera.rays(points), np.ones(len(points))] @ self.rotation)
 
     def project(self, space: Array) -> Array:
-        """(n, 3) world -> (n, 2) image px; NaN for what lies behind the camera."""
+        """(n, 3) world -> (n, 2) image px; NaN for points behind the camera."""
         p = space @ self.rotation.T + self.translation
         before = p[:, 2] > 0
         pixels = np.full((len(p), 2), np.nan)

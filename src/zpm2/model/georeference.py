@@ -1,4 +1,4 @@
-"""Where a photograph lies on the ground, by its file."""
+"""Where a photograph lies on the ground, as far as its file says."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """A coordinate reference system, the affine map into it, the size of a pixel: what is known of them."""
+    """A coordinate reference system, the affine map into it, and the size of a pixel, as far as they are known."""
 
     crs: str | None = None  # "EPSG:32632", or WKT where it has no code
     transform: Array | None = None  # (2, 3) from image px to coordinates of `crs`, as GDAL's geotransform

@@ -1,4 +1,4 @@
-"""A photograph as the stages want it, and where it came from."""
+"""A photograph as all stages take it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zpm2.model.brief import brief
 
-THIN = 32  # times as long as wide, beyond which a network that sees 1024 px of it sees less than 32 across
+THIN = 32  # length / width; of a thinner image, a network that sees 1024 px of the length sees less than 32 px across
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,5 +41,5 @@ class Image:
 
 
 def thin(width: int, height: int) -> bool:
-    """Whether an image is so long and thin that a network which sees all of it sees nothing."""
+    """Whether an image is so thin that it shows nothing when it is reduced to fit into a network's input."""
     return max(width, height) > THIN * min(width, height)

@@ -40,7 +40,7 @@ class PolygonMatch:
 
 @dataclass(frozen=True)
 class Counterpart:
-    """What the files of one image say of a matched polygon's match."""
+    """What the files of one image say about the match of one of its polygons."""
 
     match_id: int  # `PolygonMatch.id`
     polygon_id: int  # of the partner in the other image

@@ -1,4 +1,4 @@
-"""A homography of its own for each polygon, fitted to the homologous points inside it (paper 3.4.1)."""
+"""Fits a separate homography for each polygon to the homologous points inside it (paper 3.4.1)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ def fit_homographies(
 
     `point` (k,) are rows of `points`, `group` (k,) their group 0..g-1 in ascending order, every group with a point;
     `prior` (g, 3, 3) affine maps that decide what the points leave open (collinear points, an extrapolated far corner).
-    Linear least squares in normalised coordinates with Cauchy weights: first by the distance to the prior, then to the
-    last solution. The scale of the weights is the median residual first, `config.residual` px in the end. Each matrix
-    is scaled so that the group's mean has depth 1, and not so that matrix[2, 2] is 1: that is the depth of the image's
-    corner, which may be negative for a polygon far from it.
+    Linear least squares in normalised coordinates with Cauchy weights: first by the distance to the prior, then by the
+    distance to the last solution. The scale of the weights goes from the median residual to `config.residual` px. Each
+    matrix is scaled so that the group's mean has depth 1. Scaling to matrix[2, 2] = 1 would fix the depth of the
+    image's corner instead, which may be negative for a polygon far from the corner.
     """
     g = len(prior)
     first = np.searchsorted(group, np.arange(g))

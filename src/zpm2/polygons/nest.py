@@ -11,8 +11,11 @@ from zpm2.model import Polygon
 
 
 def with_parents(polygons: Sequence[Polygon], config: VectorizeConfig) -> list[Polygon]:
-    """The same polygons with their parents: the id of the smallest larger polygon that holds at least the share
-    `config.min_contained` of one's area."""
+    """The same polygons with their parents.
+
+    The parent is the id of the smallest larger polygon that contains at least the share `config.min_contained` of the
+    polygon's area.
+    """
     if not polygons:
         return []
     shapes = np.array([p.shape for p in polygons], object)

@@ -21,8 +21,8 @@ def largest(geometry: shapely.Geometry) -> shapely.Polygon:
 def repaired(shape: shapely.Polygon) -> shapely.Polygon:
     """A valid polygon in place of one whose rings may cross: the largest piece of what they enclose.
 
-    Of the two usual repairs the one that keeps more area: `buffer(0)` drops lobes that turn against the rest,
-    `make_valid` drops what is enclosed twice.
+    Of the two usual repairs, the one that keeps more area is used: `buffer(0)` drops lobes of the opposite orientation,
+    `make_valid` drops areas that are enclosed twice.
     """
     if shape.is_valid:
         return shape

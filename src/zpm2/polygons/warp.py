@@ -1,7 +1,7 @@
-"""Each polygon of one image warped into the other, by the homologous points alone.
+"""Warps each polygon of one image into the other, by the homologous points alone.
 
-The pyramid (`global_match.pyramid`) needs texture at a polygon's centre and finds a location. The points in a polygon,
-or around it, give a whole map, without texture.
+The pyramid (`global_match.pyramid`) needs texture at a polygon's centre and finds only a location. The points in or
+around a polygon give a whole map and need no texture.
 """
 
 from dataclasses import dataclass

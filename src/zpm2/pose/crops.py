@@ -1,8 +1,8 @@
 """The local point set M2 (paper 3.5.1): what a point matcher finds inside the boxes of each matched pair of polygons.
 
-A crop shows a polygon's box larger than the whole image does, so that a small polygon has points of its own. The right
-crop is either the box of the partner, as in the paper, or the left crop warped by the pair's own map: then the two look
-alike, whatever the viewpoint has done to scale, roll and slant.
+A crop enlarges a polygon's box, so that even a small polygon gets its own points. The right crop is either the box of
+the partner, as in the paper, or the left crop warped by the pair's own map. In the latter case the two crops look
+alike, however scale, roll and slant differ between the views.
 """
 
 from dataclasses import dataclass, field
@@ -68,9 +68,9 @@ def rectified(
 ) -> Crops:
     """Boxes of left polygons, and the same warped into the right image by `maps` (n, 3, 3; right ~ map @ left).
 
-    The most confident pairs first, `max_crops` of them. Left out are boxes that the whole image showed as large (it was
-    searched at `zoom` px per image px) or that a crop before them shows too, and maps that no view of a surface gives
-    (mirrored, or torn by their horizon).
+    The most confident pairs come first, up to `max_crops`. A box is left out if the whole image, searched at `zoom` px
+    per image px, showed it as large, or if an earlier crop shows it too. So are pairs with a map that no view of a
+    surface can have (mirrored, or torn by its horizon).
     """
     squares = _square(left, config)
     there = maps @ squares

@@ -1,4 +1,4 @@
-"""Where points do not determine a pose: the camera only turned, the scene is one plane, or too few points agree."""
+"""Detects points that do not determine a pose: the camera only rotated, one plane, too few points that agree."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from zpm2.pose.estimators import PoseEstimate
 from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
-NO_TRANSLATION = 1e-9  # of the plane's distance: a shorter one has no direction
+NO_TRANSLATION = 1e-9  # share of the plane's distance; a shorter translation has no direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,10 @@ class Degeneracy:
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t of unit length, of "planar_scene"
 
     def with_rival(self, rival: int, inliers: int, config: DegeneracyConfig) -> "Degeneracy":
-        """The same, flagged as ambiguous where `rival` of the other points agree on another pose, beside `inliers` on
-        this one: repeated texture, or two motions."""
+        """The same, flagged as ambiguous if too many of the other points (`rival`) agree on another pose.
+
+        inliers: the points that agree on this pose. Causes are repeated texture, or two motions.
+        """
         if self.rotation_only is not None or rival < config.rival * inliers:
             return self
         return dataclasses.replace(self, flags=(*self.flags, "ambiguous"))
@@ -37,7 +39,7 @@ class Degeneracy:
 def examine(
     estimate: PoseEstimate, rays: RayPairs, places: NDArray[np.intp], sigma: float, config: PoseConfig, seed: int
 ) -> Degeneracy:
-    """What speaks against a pose, estimated from n homologous rays.
+    """Reasons to doubt a pose that was estimated from n homologous rays.
 
     places: (n,) the region of each point, negative for one outside of matched regions. sigma: degrees, of the direction
     of t.
@@ -47,7 +49,7 @@ def examine(
     rotation = rotation_between(rays.left[near], rays.right[near], rays.noise, limits.rotation_rounds)
     away = np.linalg.norm(geometry.turn_rays(rotation, rays.left) - rays.right, axis=1)
     rotated = away <= config.inlier * rays.noise
-    # not of the inliers: of a camera that only turned, no point can be shown to lie before both views
+    # all points, not only the inliers: if the camera only rotated, no point can be shown to lie before both views
     only_turned = rotated[near].mean() >= limits.explained if near.any() else False
     agree = rotated if only_turned else estimate.inliers
     flags = []

@@ -1,4 +1,4 @@
-"""The focal length that follows from a fundamental matrix, where one does."""
+"""Estimates the focal length from a fundamental matrix, if it determines one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 def focal_from_points(
     points: PointMatches, sizes: tuple[tuple[int, int], tuple[int, int]], config: FocalConfig, seed: int
 ) -> tuple[float, float] | Failed:
-    """px, the focal length that both images share, and its standard deviation; or why the points do not determine it.
+    """The focal length that both images share and its standard deviation, px; or why the points do not determine it.
 
     points: inliers of a fundamental matrix, image px. Square pixels and principal points in the middle are assumed.
     Bougnoux' formula (ICCV 1998) for both cameras, their geometric mean; the spread is that of bootstrap samples. Where
@@ -43,7 +43,7 @@ def focal_from_points(
 
 
 def _focal(fundamental: Array) -> float:
-    """Of coordinates with the principal point at 0; NaN where the formula gives none."""
+    """The focal length, for coordinates with the principal point at 0; NaN if the formula gives none."""
     squares = [_squared(fundamental), _squared(fundamental.T)]
     return float((squares[0] * squares[1]) ** 0.25) if min(squares) > 0 else float("nan")
 

@@ -55,9 +55,9 @@ class Correspondences:
 
 
 def region_of(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> NDArray[np.intp]:
-    """(n,) the matched pair (row k of `left` and of `right`) that holds each point on both sides; -1 where none does.
+    """(n,) the matched pair (row k of `left` and of `right`) whose polygons contain the point in both images, or -1.
 
-    Where regions are nested, a point belongs to that of the smallest left polygon: each point has one region, and
+    If regions are nested, a point belongs to the one with the smallest left polygon. So each point has one region, and
     regions exclude each other, as in the paper.
     """
     region = np.full(len(points), -1, np.intp)
@@ -72,7 +72,7 @@ def region_of(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -
 
 
 def union(known: Correspondences, more: Correspondences, radius: float) -> Correspondences:
-    """Both, without doubles: of two points less than `radius` px apart in both images the better score stays."""
+    """Both sets without duplicates: of two points less than `radius` px apart in both images, the better one stays."""
     together = Correspondences(
         PointMatches.join([known.points, more.points]),
         np.concatenate([known.region, more.region]),

@@ -16,10 +16,10 @@ def rectify(
     polygons: tuple[Sequence[Polygon], Sequence[Polygon]],
     config: StereoConfig | None = None,
 ) -> RectifiedPair | Failed:
-    """The rectified pair in which the points that agree with the pose are seen whole.
+    """The rectified pair; it shows all points that agree with the pose.
 
-    images: the originals. polygons: the matched ones of either side. config: that of the run, the defaults where none
-    is given. `Failed` without a pose or a translation, and where a camera moved along its own line of sight.
+    images: the originals. polygons: the matched polygons of each image. config: that of the run; None for the defaults.
+    `Failed` without a pose or a translation, and if a camera moved along its own line of sight.
     """
     if isinstance(result.pose, Failed):
         return Failed(f"without a pose there is no rectified pair: {result.pose}")

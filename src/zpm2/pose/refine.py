@@ -36,14 +36,14 @@ class RefinedPose:
 def refine(estimate: PoseEstimate, rays: RayPairs, group: NDArray[np.intp], steps: int) -> RefinedPose:
     """The pose with the least sum of robustly weighted squared Sampson distances of the inliers, near `estimate`.
 
-    rays: those that it was estimated from. The weights are those of Geman and McClure, scaled by the noise: a far point
-    counts for nothing, so it matters little which far points are among the inliers. They should reach well beyond the
-    noise, though: a selection of points that fit makes an estimate look more exact than it is. At most `steps` Newton
-    steps.
+    rays: those that the pose was estimated from. The weights are those of Geman and McClure, scaled by the noise. They
+    give far points almost no weight, so it matters little which far points are among the inliers. The inliers should
+    still reach well beyond the noise: an estimate from only the points that fit looks more exact than it is. At most
+    `steps` Newton steps.
 
-    The covariance is that of leaving out one `group` (n,) after the other, in one Newton step each (the jackknife, CR3
-    of Bell and McCaffrey, Survey Methodology 2002): the points of a group share their errors, so groups are counted,
-    not points.
+    The covariance is estimated by leaving out one `group` (n,) after the other, with one Newton step each (the
+    jackknife, CR3 of Bell and McCaffrey, Survey Methodology 2002). The points of a group share their errors, so groups
+    are counted, not points.
     """
     rows = np.flatnonzero(estimate.inliers)
     rays, group = rays[rows], group[rows]

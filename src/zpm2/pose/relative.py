@@ -90,7 +90,7 @@ class PoseFinder:
     ) -> Correspondences:
         """C: the points of the whole images, filtered by regions if so configured, and those of crops.
 
-        `warnings` gets a sentence where that leaves no point, and all are taken.
+        If filtering leaves no point, all points are used and `warnings` receives a sentence that says so.
         """
         config, pairs = self.config.pose, [PolygonArrays(side) for side in result.matched_polygons()]
         region = region_of(result.points, pairs[0], pairs[1])
@@ -166,7 +166,7 @@ class PoseFinder:
         return RelativePose.of(refined, doubts), inliers, rejected
 
     def _refined(self, estimate: PoseEstimate, rays: RayPairs, usable: NDArray[np.bool_]) -> RefinedPose:
-        """Refined on the `usable` points that are anywhere near, and again on those near the refined pose."""
+        """The pose refined on the `usable` points roughly near it, and again on those near the refined pose."""
         config = self.config.pose
         parts = blocks(rays.left, config.jackknife_blocks)
         for _ in range(config.refine_rounds):
@@ -230,7 +230,7 @@ class PoseFinder:
 def inconsistent_regions(
     estimate: PoseEstimate, rays: RayPairs, region: NDArray[np.intp], config: PoseConfig
 ) -> NDArray[np.intp]:
-    """Regions of which most points disagree with the pose (Sampson distance): a wrong match, or a thing that moved."""
+    """Regions whose points mostly disagree with the pose (Sampson distance): wrong matches, or objects that moved."""
     agree = rays.near(estimate.essential, config.inlier)
     inside = region >= 0
     count = np.bincount(region[inside], minlength=1)

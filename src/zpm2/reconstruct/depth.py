@@ -71,8 +71,7 @@ def write_depth_maps(dense: Path, config: Config, tell: Callable[[str, float], N
 def choose_neighbors(
     view: SparseView, views: Sequence[SparseView], points: Array, config: ReconstructConfig
 ) -> list[int]:
-    """Indices of the views that share most points with one, from directions that are neither too near nor too far
-    apart."""
+    """Indices of the views that share most points with `view`, seen at angles neither too small nor too large."""
     scores = []
     for k, other in enumerate(views):
         if other is view:
@@ -89,8 +88,10 @@ def choose_neighbors(
 def _depth(
     view: SparseView, views: Sequence[SparseView], points: Array, images: Path, config: Config, find: StereoMatcher
 ) -> Depth | Failed:
-    """(h, w) depth of a view; of three or more neighbours `min_agreeing` must agree on it. Fusion compares the views
-    later."""
+    """(h, w) depth of a view. With three or more neighbours, `min_agreeing` must agree on the depth of a pixel.
+
+    Fusion later compares the depth of different views.
+    """
     own = config.reconstruct
     reference = read_image(images / view.name)
     maps, reasons = [], []
@@ -107,8 +108,10 @@ def _depth(
 
 
 def agreed(maps: Depth, tolerance: float, min_count: int) -> Depth:
-    """(n, h, w) depths -> (h, w) mean of the largest group that lies within `tolerance`, a share, of one of them; NaN
-    where fewer than `min_count` are in it."""
+    """(n, h, w) depths -> (h, w) mean of the largest group of depths that agree; NaN if fewer than `min_count` do.
+
+    A group lies within `tolerance`, a share, of one of its depths.
+    """
     best = np.zeros(maps.shape[1:], np.int64)
     result = np.full(maps.shape[1:], np.nan, np.float32)
     for one in maps:

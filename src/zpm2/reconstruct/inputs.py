@@ -1,4 +1,4 @@
-"""What a reconstruction is made from: photographs, and their cameras where these are known."""
+"""The input of a reconstruction: photographs, and their cameras if they are known."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -19,12 +19,13 @@ class Inputs:
 
     photographs: Sequence[Path]
     cameras: Mapping[str, PosedCamera] | None = None
-    warnings: Sequence[str] = ()  # what is odd about the cameras
+    warnings: Sequence[str] = ()  # doubts about the cameras
 
 
 def read_inputs(images: Sequence[Path], cameras: Path | None = None) -> Inputs:
-    """The photographs of a folder, or those that are named. Each is read once, so that `InputError` names one that
-    cannot be used before anything is written.
+    """The photographs of a folder, or those given by name.
+
+    Each is read once, so that `InputError` names an unusable one before anything is written.
 
     cameras: a COLMAP model, a cameras.npz, or a folder of _cam.txt or .camera files; `ConfigError` where the
     photographs are not those of one folder.

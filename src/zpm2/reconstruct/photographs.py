@@ -1,4 +1,4 @@
-"""Photographs for COLMAP, which reads fewer formats than we do, and some of them differently."""
+"""Photographs for COLMAP, which reads fewer formats than zpm2, and some of them differently."""
 
 from pathlib import Path
 

@@ -76,8 +76,11 @@ def _reconstruct(
 
 
 def _seeded(pycolmap: ModuleType, seed: int) -> tuple["TwoViewGeometryOptions", "IncrementalPipelineOptions"]:
-    """Options of matching and of mapping that give the same model each time: the same samples, whichever thread draws
-    them, and one thread for the adjustment, as several add up in another order each time."""
+    """Options of matching and of mapping that give the same model each time.
+
+    The samples do not depend on the thread that draws them. The adjustment has one thread, as several would add up
+    numbers in a different order each time.
+    """
     pycolmap.set_random_seed(seed)
     verification, mapping = pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalPipelineOptions()
     for draws in (verification.ransac, mapping, mapping.mapper, mapping.triangulation):

@@ -1,7 +1,7 @@
 """Photographs in, a workspace out: images/, sparse/0, dense/, mesh.ply.
 
-A step whose file exists and is usable is skipped. The result of a step is checked before it gets its name: one that the
-next step could not use is not kept.
+A step is skipped if its file exists and is usable. The result of a step is checked before it gets its name: if the next
+step could not use it, it is not kept.
 """
 
 import json

@@ -1,8 +1,10 @@
-"""Matching at full size, block by block: only the windows that a block's polygons need are read, at the resolution that
-their size needs, and one assignment decides over all blocks (paper 3.3 and 3.4).
+"""Matches at full size, block by block (paper 3.3 and 3.4).
 
-Time grows with the number of blocks, hence of polygons, not with the pixels of the photographs. A block is matched like
-a small pair: the search windows of the pyramid follow from the size of its images.
+Only the windows that show the polygons of a block are read, at the resolution that the polygons' size needs. One
+assignment then decides over the possible matches of all blocks.
+
+Time grows with the number of blocks, and so with the number of polygons, not with the size of the photographs. A block
+is matched like a small pair: the search windows of the pyramid follow from the size of its images.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +37,7 @@ class LargePair:
 
     sources: tuple[Source, Source]
     polygons: tuple[PolygonArrays, PolygonArrays]
-    guided: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (n,) and (m,) found with a region of the other as prompt
+    guided: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (n,), (m,) found by prompting with the other photograph's
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +93,10 @@ def match_blocks(
 
 
 def layers(error: float, config: GlobalConfig) -> int:
-    """As many layers of the pyramid as the first search window needs to reach `error` px of the block's right image:
-    where neighbours predict the place of a polygon well, the search begins near it."""
+    """How many layers the pyramid needs, so that the first search window reaches `error` px in the block's right image.
+
+    If neighbours predict the location of a polygon well, few layers do: the search begins near the location.
+    """
     reach, count = config.tau - config.phi / 2, 1
     while reach < error and count < config.max_layers:
         reach, count = reach * config.factor, count + 1
@@ -100,7 +104,7 @@ def layers(error: float, config: GlobalConfig) -> int:
 
 
 def _scale(left: PolygonArrays, warped: WarpedPolygons, cell: Cell) -> float:
-    """Right px per left px, at least 1: the coarser photograph is not enlarged."""
+    """Right px per left px; at least 1, so that the coarser photograph is not enlarged."""
     area = shapely.area(warped.shapes[cell.rows])
     some = area > 0
     if not some.any():
@@ -109,9 +113,12 @@ def _scale(left: PolygonArrays, warped: WarpedPolygons, cell: Cell) -> float:
 
 
 def _spread(rows: NDArray[np.int64], places: Array, max_side: float) -> list[tuple[NDArray[np.int64], Array]]:
-    """The polygons that have a place in the right photograph, with the extent (4,) of these places; in parts of at most
-    `max_side` px, where relief or wrong points scatter them. A place that is half as wide by itself does not count: the
-    map is near its horizon there."""
+    """Groups of polygons with the extent (4,) of their predicted places in the right photograph.
+
+    Polygons without a place are left out. If relief or wrong points scatter the places, they are split into groups of
+    at most `max_side` px. A polygon whose own place is wider than half of that is left out: the map is near its horizon
+    there.
+    """
     rows = rows[np.isfinite(places[rows]).all(1)]
     rows = rows[(places[rows, 2:] - places[rows, :2]).max(1, initial=0) <= max_side / 2]
     if len(rows) == 0:
@@ -145,7 +152,7 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
             config.guided,
         )
     images = views[0].image, views[1].image
-    prior = PriorLocations(*geometry.linearised(maps, left.centers))  # by the points around each, not one H for all
+    prior = PriorLocations(*geometry.linearised(maps, left.centers))  # from the points around each, not one H
     locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
     problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)
@@ -153,7 +160,7 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:
-    """The geometry in px of the views."""
+    """The geometry, converted to px of the views."""
     points = initial.points
     moved = PointMatches(_apply(to_view[0], points.left), _apply(to_view[1], points.right), points.score)
     fundamental, homography = initial.fundamental, initial.homography

@@ -1,4 +1,4 @@
-"""Geometry cell by cell: a large scene has no single F and H, and no stage holds all of it at once."""
+"""Geometry cell by cell: no single F and H describe a large scene, and no stage keeps all of it in memory."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """Polygons of similar place and size, and the geometry there."""
+    """Polygons of similar size in one part of the photograph, and the geometry there."""
 
     rows: NDArray[np.int64]  # of the polygons
     reduction: int  # px of the photograph per px at which the polygons are compared
@@ -29,11 +29,14 @@ class Cell:
 
 
 def cells(polygons: PolygonArrays, points: PointMatches, config: Config) -> Iterator[Cell]:
-    """All polygons, by place and size: each reduced by a power of two, until its longer side is at most a share
-    (`polygons_across`) of `config.tiles.size` px; those of one reduction in cells of that many reduced px.
+    """Groups all polygons into cells by size and place.
 
-    A cell's geometry comes from the points within half a cell of it; where these are fewer than `min_points`, from as
-    many nearest ones, up to `max_distance`: points farther away tell nothing about this place.
+    Each polygon is reduced by a power of two, until its longer side is at most a share (`polygons_across`) of
+    `config.tiles.size` px. Polygons with the same reduction form cells of `config.tiles.size` reduced px.
+
+    The geometry of a cell is estimated from the points in it and within half a cell around it. If these are fewer than
+    `min_points`, the nearest points are added up to that number, but none beyond `max_distance`: points farther away
+    tell nothing about this place.
     """
     side, chosen = config.tiles.size, config.tiles.cells
     if len(polygons) == 0:
@@ -59,7 +62,7 @@ def cells(polygons: PolygonArrays, points: PointMatches, config: Config) -> Iter
 
 
 def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
-    """F and H of some points; where no homography holds for them, H is the affine map of most of them."""
+    """F and H of some points. If no homography fits them, H is the affine map that fits most of them."""
     chosen = config.tiles.cells
     step = max(1, len(points) // chosen.max_points)
     initial = initial_geometry(points[np.arange(0, len(points), step)], config.global_match, config.seed)
@@ -74,8 +77,11 @@ def local_geometry(points: PointMatches, config: Config) -> InitialGeometry:
 
 
 def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
-    """px of the right photograph: how far the points (a share of `predicted`) lie at most from their predicted place,
-    which H gives with the median residual of their neighbours; infinite for a few points."""
+    """How well the points predict locations, in px of the right photograph; infinite if there are only a few points.
+
+    Each point is predicted by H and the median residual of its neighbours. A share of `predicted` of the points lies at
+    most this far from the prediction.
+    """
     points = initial.points[initial.consistent]
     if len(points) <= config.neighbors:
         return float("inf")
@@ -86,7 +92,7 @@ def uncertainty(initial: InitialGeometry, config: CellsConfig) -> float:
 
 
 def warped_by_cells(polygons: PolygonArrays, cells: Sequence[Cell], config: LocalConfig) -> WarpedPolygons:
-    """All polygons in the other photograph, each by the geometry of its cell."""
+    """All polygons, warped into the other photograph, each by the geometry of its cell."""
     n = len(polygons)
     maps, own = np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, np.int64)
     shapes = np.full(n, shapely.Polygon(), object)

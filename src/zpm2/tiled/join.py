@@ -1,4 +1,4 @@
-"""From tiles to photographs: their points together, and the regions of each photograph without seams."""
+"""Joins tiles: the points of all tiles, and the regions of each photograph without seams."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ Flags = tuple[NDArray[np.bool_], NDArray[np.bool_]]  # of the left and the right
 
 
 def join_points(tiles: Sequence[Tile], config: Config) -> PointMatches:
-    """The points of the finest tiles, and coarser ones where there are no finer ones around."""
+    """The points of the finest tiles, and those of coarser tiles where there are no finer ones nearby."""
     chosen = config.tiles
     points = PointMatches.empty()
     for level in sorted({tile.level for tile in tiles}, reverse=True):
@@ -46,14 +46,14 @@ def join_regions(
 
 
 def given_regions(segmenter: PolygonSource, source: Source, min_area: float) -> StitchedRegions:
-    """Regions that the user gave, which no tile cuts."""
+    """Regions that the user gave; no tile cuts them."""
     blank = np.broadcast_to(np.zeros(1, np.uint8), (source.height, source.width, 3))
     polygons = [p for p in segmenter.polygons(Image(blank, source.path)) if p.area >= min_area]
     return StitchedRegions(polygons, np.zeros(len(polygons), bool), 0, 0)
 
 
 def _cut(tile: Tile, sources: Sequence[Source], config: Config) -> Flags:
-    """Which of a tile's left and right regions end where the tile does."""
+    """Whether each left and each right region of a tile is cut by the tile's border."""
     left, right = (
         np.zeros(len(polygons), bool)
         if window is None
@@ -61,7 +61,7 @@ def _cut(tile: Tile, sources: Sequence[Source], config: Config) -> Flags:
         for polygons, window, source in zip(tile.polygons, tile.windows, sources, strict=True)
     )
     i, j = tile.guided.T
-    either = left[i] | right[j]  # a region that was found with a cut one as prompt is cut, too
+    either = left[i] | right[j]  # a region found by prompting with a cut one counts as cut, too
     left[i], right[j] = either, either
     return left, right
 

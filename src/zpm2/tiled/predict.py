@@ -1,5 +1,7 @@
-"""Which window of the right photograph shows what a left one shows: by the points of the level above, else by
-georeferences."""
+"""Predicts which window of the right photograph shows the same as a left window.
+
+The prediction comes from the points of the level above or, without any, from the georeferences.
+"""
 
 from dataclasses import dataclass
 
@@ -15,12 +17,12 @@ from zpm2.photos.source import Source
 from zpm2.tiled import windows
 
 Array = NDArray[np.float64]
-MIN_DETERMINANT = 1e-6  # of an affine map, below which it collapses the plane
+MIN_DETERMINANT = 1e-6  # an affine map with a smaller determinant collapses the plane
 
 
 @dataclass(frozen=True, eq=False)
 class PartnerWindow:
-    """A window of the right photograph, and how it lies to the left one."""
+    """A window of the right photograph, and its scale and rotation relative to the left one."""
 
     window: Window
     scale: float  # right px per left px
@@ -28,9 +30,12 @@ class PartnerWindow:
 
 
 def coherent_points(points: PointMatches, noise: float, config: PartnerConfig) -> PointMatches:
-    """The points that move with their neighbours: enough of the nearest ones on the left are as near on the right, in
-    the photographs' common scale, up to `max_apart` times the distance and `noise` px. Holds for any turn and relief,
-    and for scenes with more than one geometry."""
+    """The points that move with their neighbours.
+
+    Enough of a point's nearest neighbours on the left must also be near it on the right: in the photographs' common
+    scale, within `max_apart` times the distance on the left plus `noise` px. This works for any rotation and relief,
+    and for scenes with more than one geometry.
+    """
     n = len(points)
     if n <= config.neighbors:
         return points
@@ -47,8 +52,10 @@ def coherent_points(points: PointMatches, noise: float, config: PartnerConfig) -
 def affine_map(
     points: PointMatches, window: Window, noise: float, config: PartnerConfig, seed: int = 0
 ) -> Array | None:
-    """(2, 3) affine map from left to right px in and around a window: by RANSAC from the points in it, and where these
-    are few from those nearest to it; None where they do not agree on one."""
+    """(2, 3) affine map from left to right px in and around a window; None if the points do not agree on one.
+
+    It is estimated by RANSAC from the points in the window; if these are few, from the points nearest to it.
+    """
     x0, y0, x1, y1 = window
     inside = ((points.left >= [x0, y0]) & (points.left <= [x1, y1])).all(1)
     if inside.sum() < config.enough_points:
@@ -70,7 +77,7 @@ def affine_map(
 
 
 def affine_by_georeference(window: Window, left: Source, right: Source, config: PartnerConfig) -> Array | None:
-    """(2, 3) affine map of a window from where both photographs lie on the ground; None where that is not known."""
+    """(2, 3) affine map of a window, from the georeferences of both photographs; None without them."""
     if not (left.placed and right.placed):
         return None
     x0, y0, x1, y1 = window
@@ -92,9 +99,10 @@ def partner_window(
     margin: float,
     config: PartnerConfig,
 ) -> PartnerWindow | None:
-    """The window of a right photograph of `size` (width, height) px to compare a left one with; None if there is none.
+    """The window of the right photograph to compare a left window with; None if there is none.
 
-    It holds the left window mapped by `matrix`, and the partners of its points, with a `margin` in units of its sides.
+    It contains the left window mapped by `matrix` and the partners of its points, with a `margin` as a share of its
+    sides. size: (width, height) of the right photograph, px.
     """
     if matrix is None:
         return None
@@ -106,7 +114,7 @@ def partner_window(
     if windows.area(windows.common(mapped, photograph)) < config.min_shared * windows.area(mapped):
         return None
     inside = ((points.left >= [x0, y0]) & (points.left <= [x1, y1])).all(1)
-    if inside.sum() >= config.min_points:  # relief displaces what stands high or low
+    if inside.sum() >= config.min_points:  # relief displaces high and low parts of the scene
         reach = high - low
         ends = np.percentile(points.right[inside], [100 * config.outliers, 100 - 100 * config.outliers], axis=0)
         ends = np.clip(ends, low - config.max_relief * reach, high + config.max_relief * reach)
@@ -127,10 +135,13 @@ def square_view(
 ) -> tuple[Window, tuple[int, int]]:
     """The window of a partner, made square, and the (width, height) px of its view.
 
-    `reduction` is that of the left view of `config.size` px. The view of the right photograph, of `size` px, shows
-    things as large as the left one, unless the scales are nearly the same or it would be enlarged. Its side is a
-    multiple of a tile's side by `side_steps`, and at least a tile with the overlap on both sides, except where the
-    photograph is smaller: networks prepare for each size of image, and a few sizes cost less than many.
+    reduction: px of the left photograph per px of its view of `config.size` px. size: (width, height) of the right
+    photograph, px.
+
+    The right view shows things at the same size as the left view, unless the scales are nearly equal or the view would
+    have to be enlarged. Its side is a multiple of a tile's side divided by `side_steps`, and at least a tile with the
+    overlap on both sides, unless the photograph is smaller. Networks prepare for each size of image, so that a few
+    sizes cost less than many.
     """
     tile, overlap, chosen = config.size, config.overlap, config.partner
     scale = 1.0 if abs(np.log(found.scale)) < np.log(chosen.same_scale) else found.scale

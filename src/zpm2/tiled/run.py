@@ -1,7 +1,7 @@
-"""One large pair: tiles, their regions stitched, and these matched once more as a whole.
+"""Matches one large pair: detects regions in tiles, stitches them, and matches the stitched regions.
 
-Each photograph's regions are matched in blocks (`blocks`) after stitching; matches of single tiles are dropped, so that
-a region of two tiles has one partner.
+After stitching, the regions of both photographs are matched in blocks (`blocks`). Matches of single tiles are dropped,
+so that a region that lies in two tiles has only one partner.
 """
 
 import math
@@ -36,18 +36,18 @@ from zpm2.tiled.stitch import StitchedRegions
 from zpm2.tiled.tile import SIDES, Tile, TileCache, key
 from zpm2.tiled.tile_matcher import TileMatcher, weights_only
 
-# stages of the configuration that decide about the content of a tile
+# stages of the configuration that affect the content of a tile
 STAGES = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
 
 
 @dataclass(eq=False)
 class TiledRun:
-    """One pair on its way through the tiles, with the configuration, segmenters and progress of `matcher`."""
+    """One run over a pair in tiles, with the configuration, segmenters and progress of `matcher`."""
 
     sources: tuple[Source, Source]
     min_areas: tuple[float, float]  # px^2, the smallest polygon of the left and the right photograph
     matcher: PairMatcher
-    points: PointMatcher | None = None  # in the place of the configured matcher
+    points: PointMatcher | None = None  # replaces the configured matcher
     say: Callable[[str], None] = lambda text: None
     cache: Path | None = None  # folder for finished tiles
     messages: list[str] = field(default_factory=list)  # warnings and notes for the result
@@ -152,8 +152,10 @@ class TiledRun:
 
 
 def tile_size(config: Config, sources: Sequence[Source]) -> int:
-    """px, the side of a tile: no longer than a segmenter can take where a photograph is thin. `InputError` where one is
-    so thin that there is no view of all of it."""
+    """The side of a tile, px; smaller for thin photographs, so that a segmenter can take the tiles.
+
+    `InputError` if a photograph is too thin for a view of all of it.
+    """
     size, long_ones = config.tiles.size, [source for source in sources if thin(source.width, source.height)]
     for source in long_ones:
         width, height = source.width, source.height

@@ -1,10 +1,10 @@
 """The regions of overlapping tiles as the regions of one photograph: no duplicates, and no outline cut by a tile.
 
-A region that reaches an inner border of its window may continue beyond it, and so may the region of the other
-photograph that was found with it as a prompt. Such a piece is not used by itself. Where a whole region of another tile
-or level agrees with it inside the window, that one replaces it. Otherwise pieces of neighbouring windows of one level
-are united if they agree in the strip that both windows show. A union that still ends at a border is left out: its
-outline would be the tile's and not the scene's.
+A region that reaches an inner border of its window may continue beyond it. So may a region of the other photograph that
+was found by prompting with it. Such a piece is not used by itself. If a whole region of another tile or level agrees
+with the piece inside the window, the whole region replaces it. Otherwise, pieces from neighbouring windows of one level
+are united if they agree in the strip that both windows show. If a union still ends at a border, it is left out: its
+outline would be the tile's, not the scene's.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ class RegionPieces:
     """Regions of one photograph as the tiles found them; row k of each array belongs to region k."""
 
     polygons: Sequence[Polygon]  # (n,) px of the photograph
-    tile: NDArray[np.int64]  # (n,) which window each comes from
-    cut: NDArray[np.bool_]  # (n,) ends at a border of its tile, and not where the thing ends
-    guided: NDArray[np.bool_]  # (n,) found with a region of the other photograph as prompt
+    tile: NDArray[np.int64]  # (n,) index of the window that each comes from
+    cut: NDArray[np.bool_]  # (n,) whether the tile's border cuts it
+    guided: NDArray[np.bool_]  # (n,) whether it was found by prompting with a region of the other photograph
     windows: Sequence[Window]  # (t,) px
-    levels: NDArray[np.int64]  # (t,) the larger the finer
+    levels: NDArray[np.int64]  # (t,) larger means finer
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +44,15 @@ class StitchedRegions:
 
     polygons: list[Polygon]  # ids from 0 on, with parents
     guided: NDArray[np.bool_]  # (n,)
-    united: int  # of several pieces
-    incomplete: int  # pieces left out, because the region that they belong to is nowhere whole
+    united: int  # number of regions united from several pieces
+    incomplete: int  # number of pieces left out, because no tile or union shows the whole region
 
 
 def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area: float) -> StitchedRegions:
     """The regions of a photograph of `size` (width, height) px, of at least `min_area` px^2, finer levels first.
 
-    Of two that overlap by more than `segment.nms_iou` the one of the finer level stays, then the one of better score.
+    If two overlap by more than `segment.nms_iou`, the one of the finer level stays; in one level, the one with the
+    better score.
     Outlines of united pieces are simplified (`vectorize.tolerance`).
     """
     chosen, nms_iou = config.tiles.stitch, config.segment.nms_iou
@@ -85,7 +86,7 @@ def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area
 def cut_by_window(
     polygons: Sequence[Polygon], window: Window, size: tuple[int, int], config: StitchConfig
 ) -> NDArray[np.bool_]:
-    """(n,) whether a region of a window reaches one of its borders that is not the photograph's."""
+    """(n,) whether a region of a window reaches a border of the window that is not the photograph's own border."""
     if not polygons:
         return np.zeros(0, bool)
     borders = _Borders(window, size, config)
@@ -94,8 +95,10 @@ def cut_by_window(
 
 
 def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArray[np.intp]:
-    """The rows that stay of (n,) polygons when each, in `order`, removes those after it that it overlaps (IoU) by more
-    than `threshold`."""
+    """Non-maximum suppression: the rows of the (n,) polygons that stay.
+
+    Each polygon, in `order`, removes the later ones that it overlaps by an IoU of more than `threshold`.
+    """
     n = len(shapes)
     rank = np.empty(n, np.int64)
     rank[order] = np.arange(n)
@@ -118,7 +121,7 @@ def suppress(shapes: Shapes, order: NDArray[np.intp], threshold: float) -> NDArr
 
 
 class _Borders:
-    """A window and those of its borders that are not the photograph's."""
+    """A window and its inner borders: those that are not the photograph's own."""
 
     def __init__(self, window: Window, size: tuple[int, int], config: StitchConfig) -> None:
         x0, y0, x1, y1 = window
@@ -164,8 +167,10 @@ def _groups(
     borders: Sequence[_Borders],
     config: StitchConfig,
 ) -> list[list[int]]:
-    """Pieces of one thing, two or more, each of another window of one level: those that agree best come together first,
-    as long as no window would have two."""
+    """Groups of two or more pieces of one region, each from a different window of the same level.
+
+    The pieces that agree best are joined first, as long as no group gets two pieces of one window.
+    """
     i, j = shapely.STRtree(shapes[rest]).query(shapes[rest], predicate="intersects")
     a, b = rest[i], rest[j]
     keep = (i < j) & (tile[a] != tile[b]) & (level[a] == level[b])
@@ -211,8 +216,10 @@ def _ends(
     borders: Sequence[_Borders],
     config: StitchConfig,
 ) -> bool:
-    """Whether piece `k` touches an inner border of its window where no other piece of the group continues it; one with
-    the same border there does not."""
+    """Whether piece `k` touches an inner border of its window where no other piece of the group continues it.
+
+    A piece whose window has the same border there does not continue it.
+    """
     inside = [shapely.intersection(shapes[m], shapely.box(*borders[tile[m]].shrunk(1.0))) for m in group if m != k]
     others = shapely.union_all(inside)
     for strip in borders[tile[k]].strips():

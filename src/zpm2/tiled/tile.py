@@ -25,17 +25,17 @@ from zpm2.result import MatchResult
 from zpm2.tiled.view import TileView
 
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
-Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None: not read
+Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None if it is not read
 
 
 @dataclass(frozen=True, eq=False)
 class Tile:
     """The regions and points of a pair of windows, or the regions of a single one."""
 
-    level: int  # 0 for all of the photograph, then ever finer
+    level: int  # 0 shows the whole photograph; higher levels are finer
     windows: Windows
     polygons: tuple[Sequence[Polygon], Sequence[Polygon]]  # ids are rows
-    guided: NDArray[np.int64]  # (k, 2) left and right ids, of which one was found with the other as prompt
+    guided: NDArray[np.int64]  # (k, 2) left and right ids; one region was found by prompting with the other
     points: PointMatches
     seconds: Mapping[str, float]  # by stage
 
@@ -56,7 +56,7 @@ def tile_of_pair(level: int, windows: Windows, views: tuple[TileView, TileView],
 def tile_without_partner(
     level: int, windows: Windows, found: Sequence[tuple[TileView, Sequence[Polygon]] | None], seconds: float
 ) -> Tile:
-    """The regions of windows of both photographs, or of one, that have nothing in common."""
+    """A tile with the regions of windows that have nothing in common, or of a window of one photograph."""
     left, right = (
         [] if side is None else [side[0].polygon(polygon, k) for k, polygon in enumerate(side[1])] for side in found
     )
@@ -73,7 +73,7 @@ def key(
 class TileCache:
     """The finished tiles of a run as files `<level>-<number>.json.gz`, in a folder named by the run's key.
 
-    `reused` counts those that come from an earlier run. Without a folder nothing is kept.
+    `reused` counts the tiles taken from an earlier run. Without a folder, nothing is stored.
     """
 
     def __init__(self, folder: Path | None, key: str) -> None:
@@ -81,7 +81,7 @@ class TileCache:
         self.reused = 0
 
     def load(self, name: str, windows: Windows) -> Tile | None:
-        """The tile of that name, if it is there, whole, and of these windows."""
+        """The tile of that name; None if its file is missing, damaged, or belongs to other windows."""
         if self.folder is None:
             return None
         try:
@@ -94,8 +94,7 @@ class TileCache:
         return tile
 
     def save(self, name: str, tile: Tile) -> None:
-        """Write it. `OutputError` where it cannot be written, as on a full disk; finished tiles stay for the next
-        run."""
+        """Write a tile. `OutputError` if that fails, as on a full disk; finished tiles stay for the next run."""
         if self.folder is None:
             return
         data = gzip.compress(json.dumps(_to_dict(tile)).encode(), compresslevel=1, mtime=0)
@@ -107,8 +106,11 @@ class TileCache:
 
 
 def _content(source: Source) -> str | Sequence[tuple[str, int] | None]:
-    """The stamps of the files of a photograph that is read by windows, unless only GDAL finds them. Else a hash of its
-    pixels: they may be given with a path and differ from the file's."""
+    """What identifies the content of a photograph: the stamps of its files if it is read by windows.
+
+    If it is read whole, or if only GDAL can find its files, a hash of its pixels: a caller may give pixels that differ
+    from the file at their path.
+    """
     stamps = [stamp(file) for file in source.files]
     if stamps and None not in stamps:
         return stamps

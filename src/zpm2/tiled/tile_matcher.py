@@ -1,7 +1,7 @@
-"""From two large photographs to tiles: level by level, from all of the photograph down to full resolution.
+"""From two large photographs to tiles: level by level, from an overview down to full resolution.
 
-A left tile is matched with the window of the right photograph to which the points of the level above lead, each such
-pair by `PairMatcher` as if it were a pair of its own (points, guided detection).
+The points of the level above predict the right window of each left tile. `PairMatcher` then matches the two like any
+pair of photographs (points, guided detection).
 """
 
 import contextlib
@@ -45,7 +45,7 @@ class TileMatcher:
     sources: tuple[Source, Source]
     config: Config
     segmenters: tuple[Segmenter, Segmenter] | None  # None: regions are given, only points are wanted
-    points: PointMatcher | None  # in the place of the configured one
+    points: PointMatcher | None  # replaces the configured one
     progress: Progress
     timer: StageTimer
     cache: TileCache
@@ -90,8 +90,11 @@ class TileMatcher:
         return found
 
     def _partner(self, level: int, window: Window, points: PointMatches) -> PartnerWindow | None:
-        """By the points of the level above; without any, by georeferences, which may be off by a part of a tile. The
-        whole left photograph is compared with the whole right one, unless that is known to show much more."""
+        """The right window for a left one, from the points of the level above.
+
+        Without points, from the georeferences, which may be wrong by part of a tile. The whole left photograph is
+        compared with the whole right one, unless the right one is known to show much more.
+        """
         left, right = self.sources
         tiles, chosen = self.config.tiles, self.config.tiles.partner
         size = right.width, right.height
@@ -134,7 +137,7 @@ class TileMatcher:
         return self._finished(name, (window, target), match)
 
     def _finished(self, name: str, both: Windows, match: Callable[[Windows], Tile]) -> Tile:
-        """A tile from an earlier run, or matched now and kept."""
+        """The tile of an earlier run, or else matched now and stored."""
         tile = self.cache.load(name, both)
         if tile is None:
             tile = match(both)
@@ -171,7 +174,7 @@ class TileMatcher:
         return tile_without_partner(level, both, found, perf_counter() - start)
 
     def _unseen(self, level: int, seen: Sequence[Window | None], own: Sequence[Window], number: int) -> list[Tile]:
-        """The windows of the right photograph at that level to which no left tile led."""
+        """Tiles for the right photograph's windows at that level that no left tile was compared with."""
         covered = [window for window in seen if window is not None]
         tiles = self.config.tiles
         alone = [window for window in own if _uncovered(window, covered, tiles.cover_cells) >= tiles.min_unseen]
@@ -199,7 +202,7 @@ class TileMatcher:
 
 
 class _NoRegions:
-    """A segmenter for tiles of which only the points are wanted."""
+    """A segmenter for tiles that only need points."""
 
     name = "none"
 
@@ -209,14 +212,14 @@ class _NoRegions:
 
 
 def give_back_memory() -> None:
-    """Return free memory to the system: the GNU C library keeps what tiles leave, in pieces. Nothing elsewhere."""
+    """Return freed memory to the system. The GNU C library would keep it, in fragments; others need no call."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # another C library
             ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def weights_only(progress: Progress) -> Progress:
-    """Reports downloads of weights alone: everything else would be a bar for each tile."""
+    """Reports only downloads of weights: other stages would show a progress bar for each tile."""
     return lambda stage, share: progress(stage, share) if stage == "load" else None
 
 
@@ -226,7 +229,7 @@ def _equally_many(levels: list[list[Window]], others: Sequence[object]) -> list[
 
 
 def _uncovered(window: Window, others: Sequence[Window], cells: int) -> float:
-    """Share of a window that no other one covers, counted in `cells` steps of its sides."""
+    """Share of a window that none of the others covers, counted on a grid of `cells` x `cells`."""
     free: NDArray[np.bool_] = np.ones((cells, cells), bool)
     x0, y0, x1, y1 = window
     step = np.array([x1 - x0, y1 - y0]) / cells

@@ -1,4 +1,4 @@
-"""One window of a photograph as the matcher sees it: reduced, and turned where the photographs are turned."""
+"""One window of a photograph as the matcher sees it: reduced, and rotated if the photographs are rotated."""
 
 import math
 from dataclasses import dataclass, replace
@@ -41,8 +41,10 @@ class TileView:
 
 
 def read_view(source: Source, window: Window, size: tuple[int, int], turn: float = 0.0) -> TileView:
-    """The window reduced to `size` (width, height) px, and turned by `turn` radians from x to y. The corners that a
-    turn leaves empty are marked as no data."""
+    """The window reduced to `size` (width, height) px, and rotated by `turn` radians from x to y.
+
+    The corners that the rotation leaves empty are marked as no data.
+    """
     (x0, y0, x1, y1), (width, height) = window, size
     image = source.read(window, (width, height))
     to_px = np.array([[(x1 - x0) / width, 0, x0], [0, (y1 - y0) / height, y0], [0, 0, 1.0]])
@@ -57,7 +59,7 @@ def read_view(source: Source, window: Window, size: tuple[int, int], turn: float
 
 
 def applied_turn(turn: float, config: TilesConfig) -> float:
-    """`turn` radians, or 0 where it is so small that the point matcher copes: pixels then stay as they are."""
+    """`turn` radians, or 0 if it is so small that the point matcher copes: the pixels are then not resampled."""
     return turn if abs(turn) > math.radians(config.min_turn) else 0.0
 
 

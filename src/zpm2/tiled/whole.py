@@ -1,4 +1,4 @@
-"""Which pairs are matched in tiles, and the matching of those that are not."""
+"""Decides whether a pair is matched in tiles, and matches the others whole."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -49,5 +49,5 @@ def _min_area(source: Source, config: Config) -> float:
     if not config.raster.min_area_m2:
         return config.segment.min_area
     if source.geo.gsd is None:
-        raise ConfigError("a least area in m^2 needs the size of a pixel on the ground: give it as --gsd M_PER_PX")
+        raise ConfigError("a minimum area in m^2 needs the ground size of a pixel: give it as --gsd M_PER_PX")
     return max(config.segment.min_area, config.raster.min_area_m2 / source.geo.gsd**2)

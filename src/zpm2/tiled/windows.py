@@ -9,8 +9,9 @@ from zpm2.photos.raster import Window
 def levels(width: int, height: int, config: TilesConfig) -> list[list[Window]]:
     """The windows of each level for a photograph of `width` x `height` px, coarsest first.
 
-    The first level is one window, all of the photograph. Those after it have square windows, each `config.step` times
-    smaller, down to `config.size` px; they are spread evenly and overlap by `config.overlap` of their side at least.
+    The first level is one window that shows the whole photograph. Later levels have square windows, `config.step` times
+    smaller from level to level, down to `config.size` px. Windows are spread evenly and overlap by at least
+    `config.overlap` of their side.
     """
     longest, sides = max(width, height), []
     side = config.size
@@ -22,7 +23,7 @@ def levels(width: int, height: int, config: TilesConfig) -> list[list[Window]]:
 
 
 def grid(width: int, height: int, side: int, overlap: float) -> list[Window]:
-    """Windows of `side` px, or of the photograph's where that is shorter, that cover it row by row."""
+    """Windows of `side` px that cover the photograph, row by row; no longer than the photograph's own sides."""
     rows, columns = _starts(height, side, overlap), _starts(width, side, overlap)
     return [(x, y, min(x + side, width), min(y + side, height)) for y in rows for x in columns]
 

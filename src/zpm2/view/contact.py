@@ -32,8 +32,9 @@ class Crop:
 def crop_window(
     bounds: tuple[float, float, float, float], width: int, height: int, margin: float = 0.6
 ) -> tuple[int, int, int, int]:
-    """(x0, y0, x1, y1) px, end excluded: the square around a polygon, with `margin` of its longer side, but at least
-    `MIN_MARGIN` px, on each side.
+    """(x0, y0, x1, y1) px, end excluded: the square around a polygon.
+
+    The margin on each side is `margin` times the polygon's longer side, but at least `MIN_MARGIN` px.
 
     bounds: (x_min, y_min, x_max, y_max) of the polygon, px of an image of width x height px. At a border the window is
     moved into the image, and stays a square unless the image is too narrow for it.

@@ -35,7 +35,7 @@ from zpm2.view.panel import (
     write,
 )
 
-SCREEN = 16 / 9  # width / height that the layout comes close to
+SCREEN = 16 / 9  # aspect ratio, width / height, that the layout aims for
 MAX_ENLARGEMENT = 2.0  # small photographs are shown up to this much larger, so that labels find room
 GAP = 8  # px between the photographs
 HEADER = 68  # px: a title, and below it what the lines and colours mean
@@ -56,7 +56,7 @@ Ring = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class _Key:
-    """What a line or a colour means: drawn as an outline with `dash`, or filled."""
+    """An entry of the legend: a sample drawn as an outline with `dash`, or filled."""
 
     text: str
     color: Color
@@ -71,10 +71,9 @@ def overlay(
     Matched polygons are filled and outlined in one colour and carry the id of their match in both photographs; the
     outline is solid, dashed or dotted by confidence (`STYLES`). Unmatched ones have a thin pale outline. Smaller
     polygons lie on top, larger ones are more transparent; where they overlap, a pixel has the colour of the topmost.
-    Of more than `CROWD` matches, only those carry a number that have room for it in both photographs.
-    left, right: with their `image`, which may be a reduced version. max_width: px, no side of the result is longer. The
-    same input gives the same picture. `InputError` where a match names a polygon that is not there, or an image is
-    missing.
+    With more than `CROWD` matches, a match has a number only if there is room for it in both photographs.
+    left, right: with their `image`, which may be reduced. max_width: the longest side of the result, px. The same input
+    gives the same picture. `InputError` if a match names a polygon that does not exist, or an image is missing.
     """
     known = by_id(left.polygons, "left"), by_id(right.polygons, "right")
     for match in matches:
@@ -113,7 +112,7 @@ def overlay(
 def unmatched(
     left: ImagePolygons, right: ImagePolygons, matches: Sequence[PolygonMatch], max_width: int = 2400
 ) -> Pixels:
-    """(h, w, 3) uint8 RGB: the picture beside `overlay`. Polygons without a partner, coloured by the reason why.
+    """(h, w, 3) uint8 RGB: the companion of `overlay`. It shows polygons without a partner, coloured by the reason.
 
     Polygons carry their own ids; matched ones have a thin pale outline. Layout and arguments are those of `overlay`.
     """
@@ -150,7 +149,7 @@ def unmatched(
 
 
 def _frames(left: ImagePolygons, right: ImagePolygons, max_side: int) -> tuple[list[PanelFrame], bool]:
-    """Both photographs in their places, and whether these are stacked."""
+    """Both photographs with their places in the picture, and whether they are stacked."""
     if left.image is None or right.image is None:
         raise InputError("a photograph without its pixels cannot be drawn: give its `image`")
     images = left.image, right.image
@@ -241,7 +240,7 @@ def _headed(canvas: Pixels, title: str, remark: str, subject: str, keys: Sequenc
 
 
 def _widths(subject: str, keys: Sequence[_Key], size: int) -> list[float]:
-    """px that the subject and each key take in a line."""
+    """Widths of the subject and of each key in the line, px."""
     ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
     texts = [f"{subject}:", *(key.text for key in keys)]
     return [ruler.textlength(text, font(size)) + 18 + (KEY_WIDTH + 6 if k else 0) for k, text in enumerate(texts)]

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 PALETTE_SIZE = 36
-COMPARE_ALL = 1000  # items, up to which each is compared with all others; of more, with its neighbours
+COMPARE_ALL = 1000  # up to so many items, each is compared with all others; otherwise only with its neighbours
 NEIGHBORS = 16  # neighbours of each class of size
 
 Array = NDArray[np.float64]
@@ -14,11 +14,11 @@ Rows = NDArray[np.intp]
 
 
 def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
-    """An RGB colour for each of n items, unlike those of the items near it.
+    """An RGB colour for each of n items, different from those of the items near it.
 
-    centers: (n, d) where they are; reach: (n,) half of their size, in the same unit. Hues follow the golden angle at
-    three lightnesses. One after the other takes the colour least like those of its neighbours, near ones counting most.
-    Of more than `COMPARE_ALL` items the large ones come first; time grows with n log n.
+    centers: (n, d) places; reach: (n,) half of their size, in the same unit. Hues follow the golden angle at three
+    lightnesses. Each item in turn takes the colour that differs most from those of its neighbours; near ones count
+    most. With more than `COMPARE_ALL` items, large items come first; time grows with n log n.
     """
     hues = np.deg2rad(np.arange(PALETTE_SIZE) * 137.508)
     light = np.resize([62.0, 76.0, 88.0], PALETTE_SIZE)
@@ -45,8 +45,8 @@ def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
 def _neighbors(centers: Array) -> list[Rows]:
     """For each of n items, largest first, the rows before it that its colour has to differ from, ascending.
 
-    These are the nearest `NEIGHBORS` of all, of the largest quarter, of the largest sixteenth, ...: a large item is
-    near to many others although its middle is not.
+    These are the nearest `NEIGHBORS` among all items, among the largest quarter, among the largest sixteenth, and so
+    on: a large item may be near to many others although its centre is not.
     """
     count = len(centers)
     keys, size = [], count

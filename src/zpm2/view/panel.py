@@ -17,14 +17,14 @@ from zpm2.model import Image, Polygon
 Pixels = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-CROWD = 300  # regions, above which small ones have thin outlines and no numbers
+CROWD = 300  # with more regions than this, small ones have thin outlines and no numbers
 SMALL_REGION = 24  # px, the longer side of such a region
 MIN_LABEL = 15  # px, the smallest height of a number
 PALE_CROWD = 3000  # pale outlines of one photograph; more are fainter
 FAINTEST = 0.2  # 0..1 of the outlines' strength
 HALO = 2  # px around text
-MAX_OVERHANG = 2.0  # width of a label by the diameter of the free circle that it stands on
-SOLID = (1.0, 0.0)  # px drawn and px left out, in turns along an outline
+MAX_OVERHANG = 2.0  # largest width of a label, in diameters of the free circle that it stands on
+SOLID = (1.0, 0.0)  # px drawn and px left out, alternating along an outline
 DARK = (24, 24, 27)
 PALE = (214, 214, 214)
 
@@ -57,7 +57,7 @@ class PanelRegion:
 
     @property
     def side(self) -> int:
-        """Of the box, the longer one, px."""
+        """The longer side of the box, px."""
         x0, y0, x1, y1 = self.box
         return max(x1 - x0, y1 - y0)
 
@@ -81,7 +81,7 @@ def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
 
 
 def share(polygon: Polygon, size: tuple[int, int]) -> float:
-    """Area of a polygon by that of its photograph of `size` (width, height) px."""
+    """Area of a polygon as a share of its photograph, which has `size` (width, height) px."""
     return polygon.area / (size[0] * size[1])
 
 
@@ -115,8 +115,8 @@ def painted(
 ) -> tuple[Pixels, list[Pixels], NDArray[np.int32]]:
     """One photograph, muted, with its regions, in `order`, and the pale rings of its `count` others.
 
-    A pixel has the colour of one region over the photograph, of the uppermost that covers it: colours never mix. Also,
-    for each region the mask of its box, and (h, w) the uppermost region of each pixel, -1 for none.
+    A pixel only has the colour of the uppermost region that covers it: colours never mix. Also returns the mask of each
+    region within its box, and (h, w) the uppermost region of each pixel, -1 for none.
     """
     shrink = frame.size[0] < frame.image.width
     rgb = cv2.resize(frame.image.rgb, frame.size, interpolation=cv2.INTER_AREA if shrink else cv2.INTER_CUBIC)
@@ -157,7 +157,7 @@ def _fill(panel: Pixels, owner: NDArray[np.int32], order: Sequence[PanelRegion])
 def outline(
     panel: Pixels, rings: Sequence[NDArray[np.int32]], color: Color, width: int, dash: tuple[float, float]
 ) -> None:
-    """Draw closed lines, `dash` px drawn and left out in turns."""
+    """Draw closed lines, with `dash` px drawn and left out alternately."""
     if dash == SOLID:
         cv2.polylines(panel, rings, True, color, width, cv2.LINE_AA, shift=4)
         return
@@ -183,9 +183,11 @@ def dashes(ring: NDArray[np.float64], dash: tuple[float, float]) -> NDArray[np.f
 def labels_of(
     order: Sequence[PanelRegion], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
 ) -> list[Label]:
-    """The name of the panel and the regions' numbers, small regions first: each at the point farthest from the border
-    of what is seen of its region and from the labels that are there already. In a crowd, only where it has room; tiny
-    regions may lie below it."""
+    """The name of the panel and the regions' numbers, small regions first.
+
+    Each number stands at the point farthest from the border of the visible part of its region and from earlier labels.
+    If there are many regions, numbers without room are left out; a number may cover tiny regions.
+    """
     tiny = np.array([crowded and region.side < MIN_LABEL for region in order] + [False])
     free = np.full(owner.shape, 255, np.uint8)
     labels = [_place(Label(name, (10, 6), 16, "lt"), free)]
@@ -206,8 +208,10 @@ def labels_of(
 
 
 def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, int], float]:
-    """(x, y) of the pixel of `mask` farthest from its border and from pixels that are not `free`, and that distance in
-    px; `anyhow`: where there is no room, pixels that are not free are used, too."""
+    """(x, y) of the pixel of `mask` farthest from its border and from pixels that are not `free`, and that distance.
+
+    anyhow: if there is no room, also use pixels that are not free.
+    """
     for candidate in (cv2.bitwise_and(mask, free), mask):
         padded = cv2.copyMakeBorder(candidate, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         _, radius, _, (x, y) = cv2.minMaxLoc(cv2.distanceTransform(padded, cv2.DIST_L2, 3))
