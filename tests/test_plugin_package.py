@@ -1,5 +1,6 @@
 """The package of docs/plugins.md, installed into a folder: listed, checked and used by fresh processes."""
 
+import importlib.util
 import json
 import os
 import re
@@ -30,8 +31,9 @@ def templates() -> dict[str, str]:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder into which pip has installed the package."""
-    pytest.importorskip("setuptools")
-    pytest.importorskip("pip")
+    for needed in ("setuptools", "pip"):  # not imported: setuptools replaces distutils in the process
+        if importlib.util.find_spec(needed) is None:
+            pytest.skip(f"needs {needed}")
     project, site = tmp_path_factory.mktemp("project"), tmp_path_factory.mktemp("site")
     (project / "zpm2_toy").mkdir()
     (project / "zpm2_toy" / "__init__.py").touch()

@@ -88,15 +88,13 @@ def image() -> Image:
 
 def test_an_installed_package_is_one_of_them(install: Install, segmenters: Models, image: Image) -> None:
     install("blocks_zpm2", BLOCKS, blocks="blocks_zpm2:Blocks")
-    assert list(segmenters) == ["mobile_sam", "vit_b", "vit_l", "vit_h", "blocks"]
+    assert list(segmenters)[-1] == "blocks"
     assert "blocks_zpm2" not in sys.modules
     assert segmenters.origin("blocks") == "package blocks_zpm2 1.5"
     assert segmenters.origin("vit_b") == "built in"
     assert len(create(SegmentConfig(model="blocks")).segment(image)) == 8
     assert len(create(SegmentConfig(model="blocks", options={"side": 50})).segment(image)) == 8
-    with pytest.raises(
-        ConfigError, match=r"unknown segmenter 'blokcs' \(did you mean 'blocks'\?\); segmenters are: mob"
-    ):
+    with pytest.raises(ConfigError, match=r"unknown segmenter 'blokcs' \(did you mean 'blocks'\?\); segmenters are: "):
         create(SegmentConfig(model="blokcs"))
 
 

@@ -51,6 +51,7 @@ class ModelInfo:
     full_size: bool = False  # points: it sees photographs as they are, and not at `PointsConfig.max_size`
     extra: str = ""  # of zpm2, which installs the packages that it needs
     packages: tuple[str, ...] = ()  # what that extra brings, by the names that are imported
+    variable: str = ""  # of the environment, which must be set
     device: str = "cpu, cuda"  # where it runs
 
 

@@ -411,7 +411,7 @@ def test_usage_errors_point_to_the_help_of_the_command(run: Run, arguments: list
         ("zpm2 match --segmenter p", ["precomputed"]),
         ("zpm2 match --points xfeat,si", ["xfeat,sift"]),
         ("zpm2 match --format s", ["shapefile"]),
-        ("zpm2 match --method s", ["shape-context"]),
+        ("zpm2 match --method sh", ["shape-context"]),
         ("zpm2 match --tiles o", ["on", "off"]),
         ("zpm2 match --set guided.dir", ["guided.direction="]),
         ("zpm2 match --set guided.direction=f", ["guided.direction=forward"]),
@@ -435,7 +435,7 @@ def test_config_list_has_every_field_with_type_value_and_meaning(run: Run) -> No
         "option": "segment.grid",
         "type": "int",
         "value": 32,
-        "meaning": "prompts along each image side, grid x grid in all",
+        "meaning": "prompts along each image side, grid x grid in all (SAM's automatic mask generator)",
     }
     assert row["segment.quality"]["type"] == "fast | balanced | full"
     assert row["points.methods"]["type"] == "str,..."

@@ -121,7 +121,7 @@ def test_a_line_that_cannot_be_run_says_why(monkeypatch, runs, tmp_path):
 
 
 def test_a_data_set_that_cannot_be_read_is_no_matter_of_a_line(tmp_path):
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         table_run.run_table(Evaluation("pairs", tmp_path / "none"), 1, tmp_path / "out")
     with pytest.raises(ConfigError, match="the paper has no table 7: its tables are 1, 2, 3, 4, 5, 6"):
         table_run.run_table(Evaluation("pairs", tmp_path), 7, tmp_path / "out")

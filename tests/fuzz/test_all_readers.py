@@ -11,6 +11,7 @@ from readers import readers
 
 import zpm2
 from zpm2.evaluate.datasets import DATASETS
+from zpm2.evaluate.results.registry import RESULTS
 
 PACKAGE = Path(zpm2.__file__).parent
 READING = ("read_bytes", "read_text", "read_json", "read_toml", "read_array", "read_arrays", "unpack_gzip", "regular")
@@ -23,7 +24,9 @@ LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
     "files/reading.py: unpack_gzip": "bytes",
     "cloud/page.py: page": "the package's own template",
-    "files/keys.py: code": "the package's own source",
+    "files/keys.py: _code_in": "the source of the package and of plug-ins",
+    "contract/formats.py": "what a format has just written",
+    "features/vismatch_worker.py": "a pipe",
     "files/lock.py": "a file without content",
     "weights/": "downloads and verified files: tests/weights",
     "segment/sam_backend.py": "networks of a folder that weights.converted has checked",
@@ -115,3 +118,7 @@ def test_a_reader_is_there_for_every_data_set() -> None:
 def test_names_are_distinct() -> None:
     names = [reader.name for reader in readers()]
     assert len(set(names)) == len(names)
+
+
+def test_a_reader_is_there_for_every_format_of_other_tools() -> None:
+    assert {f"areas of other tools: {name}" for name in RESULTS} <= {reader.name for reader in readers()}

@@ -14,6 +14,7 @@ from zpm2.weights.manifest import Carrier, Hub
 UNKNOWN = (  # files that we have never seen
     *("sam2.1_tiny", "sam2.1_small", "sam2.1_base_plus", "sam2.1_large", "edgetam"),
     *("sam_hq_b", "sam_hq_l", "sam_hq_h", "sam3"),
+    *("loftr_outdoor", "loftr_indoor", "efficientloftr", "superglue_outdoor", "superglue_indoor"),
 )
 NAMES = {
     *("mobile_sam", "sam_vit_b", "sam_vit_l", "sam_vit_h", "xfeat", "xfeat_lighterglue", "disk", "disk_lightglue"),
@@ -37,8 +38,9 @@ def test_every_entry_is_complete_and_distinct():
         assert [type(source) for source in item.sources] in ([Hub], [Carrier], [Hub, Carrier])
 
 
-def test_only_superpoint_needs_acceptance():
-    assert {item.name for item in MANIFEST if not item.commercial_use} == {"superpoint", "superpoint_lightglue"}
+def test_only_superpoint_and_superglue_need_acceptance():
+    asked = {item.name for item in MANIFEST if not item.commercial_use}
+    assert asked == {"superpoint", "superpoint_lightglue", "superglue_outdoor", "superglue_indoor"}
 
 
 def test_unknown_name_says_what_there_is():

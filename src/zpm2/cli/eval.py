@@ -99,7 +99,9 @@ def evaluate(
     max_memory: MaxMemory = None,
     quiet: Quiet = False,
 ) -> None:
-    """Match every pair of a data set and score the matches, or those that another tool wrote.
+    """Score the matches of every pair of a data set.
+
+    They are matched first, or another tool wrote them (--results).
 
     Writes rows.csv, summary.json, summary.md and the prediction of each pair. If a run was interrupted, start the same
     command again: it continues where it stopped. --score-only scores the predictions again and needs no weights.

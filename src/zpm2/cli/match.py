@@ -78,8 +78,8 @@ def match(
     segmenter: Annotated[
         str | None,
         typer.Option(
-            help="What finds the regions: mobile_sam, vit_b, vit_l, vit_h, precomputed (your own), another that is "
-            "installed (zpm2 models), or package.module:Class.  [default: preset's]",
+            help="What finds the regions: mobile_sam, sam2_tiny, vit_b, vit_l, vit_h, classical (no weights), "
+            "precomputed (your own), another one (zpm2 models), or package.module:Class.  [default: preset's]",
             rich_help_panel=METHOD,
             autocompletion=one_of(segmenters),
         ),

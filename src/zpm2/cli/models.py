@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -41,9 +41,10 @@ def models(
     weights_dir: WeightsDir = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """List the segmenters and point matchers: task, licences, training data, size, device, whether they are here.
+    """List the segmenters and point matchers, and what they need.
 
-    Built-in ones, and those of other packages. Nothing is downloaded. With --measure each runs in a new process.
+    Task, licences, training data, size, device, and whether they are here, of built-in ones and of those of other
+    packages. Nothing is downloaded. With --measure each runs in a new process.
     """
     from zpm2.evaluate import models as listing
 
@@ -68,7 +69,7 @@ def _measured(row: "ModelRow") -> "ModelRow":
     return listing.measure(row)
 
 
-def _others() -> list[dict[str, Any]]:
+def _others() -> list[dict[str, str]]:
     """The data sets and the formats that can be used, with their origins."""
     from zpm2.evaluate.datasets import DATASETS
     from zpm2.formats.registry import FORMATS
@@ -87,7 +88,7 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
 
 
-def _plain(row: "ModelRow") -> dict[str, Any]:
+def _plain(row: "ModelRow") -> dict[str, object]:
     from dataclasses import asdict
 
     values = asdict(row)
@@ -99,56 +100,35 @@ def _plain(row: "ModelRow") -> dict[str, Any]:
     )
 
 
-def _print(rows: "list[ModelRow]", others: list[dict[str, Any]], measured: bool) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
-    names = ["name", "task", "licence of code, of weights", "trained on", "MB", "device", "here", "origin"]
+def _print(rows: "list[ModelRow]", others: list[dict[str, str]], measured: bool) -> None:
     for kind in dict.fromkeys(row.kind for row in rows):
-        table = Table(
-            *names,
-            *(["load s", "s", "peak MB"] if measured else []),
-            title=f"{kind}s",
-            title_justify="left",
-            box=box.SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-        )
-        table.columns[0].no_wrap = True
-        for column in (4, *range(len(names), len(table.columns))):
-            table.columns[column].justify, table.columns[column].no_wrap = "right", True
+        print(f"{kind}s")
         for row in (row for row in rows if row.kind == kind):
-            table.add_row(*_cells(row), *(_figures(row) if measured else []))
-        console.print(table)
-    for row in rows:
-        for command in row.missing:
-            console.print(f"{row.name} needs: {command}", soft_wrap=True, highlight=False, markup=False)
-    if others:
-        table = Table("kind", "name", "task", "origin", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for other in others:
-            table.add_row(other["kind"], other["name"], other["task"], other["origin"])
-        console.print(table)
+            print(f"  {row.name:<18} {'here' if row.here else 'not here'}, {', '.join(_facts(row))}")
+            print(f"    {row.info.task}; trained on {row.info.training_data}")
+            print(f"    licence of the code: {row.info.code_licence}; of the weights: {row.weights_licence}")
+            for command in row.missing:
+                print(f"    needs: {command}")
+            if measured:
+                print(f"    {_figures(row)}")
+        print()
+    for kind in dict.fromkeys(other["kind"] for other in others):
+        print(f"{kind}s")
+        for other in (other for other in others if other["kind"] == kind):
+            print(f"  {other['name']:<18} {other['task']}; {other['origin']}")
+        print()
 
 
-def _cells(row: "ModelRow") -> list[str]:
-    info = row.info
-    size = "?" if row.size is None else f"{row.size / 1e6:.1f}" if row.size else "-"
-    licences = f"{info.code_licence}, {row.weights_licence}"
-    return [
-        row.name,
-        info.task,
-        licences,
-        info.training_data,
-        size,
-        info.device,
-        "yes" if row.here else "no",
-        row.origin,
-    ]
+def _facts(row: "ModelRow") -> list[str]:
+    size = f"{row.size / 1e6:.1f} MB" if row.size else "size unknown" if row.info.weights else "no weights"
+    sees = "any size of image" if row.info.input_size == "any" else f"images of {row.info.input_size}"
+    return [size, sees, row.info.device.replace(", ", " or "), row.origin]
 
 
-def _figures(row: "ModelRow") -> list[str]:
+def _figures(row: "ModelRow") -> str:
     found = row.measured
     if found is None or isinstance(found, str):
-        return ["-"] * 3
-    return [f"{found.load:.1f}", f"{found.seconds:.2f}", "?" if found.peak_mb is None else str(found.peak_mb)]
+        return "not measured"
+    peak = "unknown" if found.peak_mb is None else f"{found.peak_mb} MB"
+    what = "image" if row.kind == "segmenter" else "pair"
+    return f"measured: {found.load:.1f} s to load, {found.seconds:.2f} s for one {what}, peak memory {peak}"

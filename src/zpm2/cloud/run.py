@@ -126,8 +126,8 @@ def from_stereo(
 
     The cloud is in the frame of the left camera, in the unit of the baseline. disparity: a map of the left image; None
     searches the disparities (`stereo.method`). matches: a folder written by `MatchResult.save`; None matches the pair.
-    Other arguments and errors are those of `from_workspace`. Also `InputError` if the disparities contradict the matched
-    points, or their search takes too much memory, and `MissingDependency` for mc-cnn without libsgm.
+    Other arguments and errors are those of `from_workspace`. Also `InputError` if the disparities contradict the
+    matched points, or their search takes too much memory, and `MissingDependency` for mc-cnn without libsgm.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     photographs = [Path(left), Path(right)]

@@ -4,6 +4,7 @@ python -m zpm2.evaluate.models segmenter NAME    # seconds and memory as JSON, i
 """
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -116,6 +117,8 @@ def _row(kind: str, name: str) -> ModelRow:
     missing += [f"zpm2 weights get {e.name}{'' if e.commercial_use else ' --accept-licence'}" for e in absent]
     if any(find_spec(package) is None for package in info.packages):
         missing.append(f'pip install "zpm2[{info.extra}]"' if info.extra else f"pip install {' '.join(info.packages)}")
+    if info.variable and info.variable not in os.environ:
+        missing.append(f"the environment variable {info.variable} (docs/points.md)")
     licences = dict.fromkeys(status.entry.licence for status in known)
     return ModelRow(
         kind,
@@ -123,7 +126,9 @@ def _row(kind: str, name: str) -> ModelRow:
         models.origin(name),
         info,
         info.weights_licence or ", ".join(licences) or ("unknown" if models.origin(name) != "built in" else "none"),
-        sum(status.entry.size for status in known) if len(known) == len(info.weights) else None,
+        sum(status.entry.size for status in known)
+        if len(known) == len(info.weights) and all(status.entry.hash_known for status in known)
+        else None,
         tuple(missing),
     )
 

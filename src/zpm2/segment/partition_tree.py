@@ -41,7 +41,7 @@ class PartitionTree:
     @cached_property
     def leaf(self) -> Count:
         """(leaves,) the leaf of each rank."""
-        return np.argsort(self.first[: (len(self.parent) + 1) // 2])
+        return np.argsort(self.first[: (len(self.parent) + 1) // 2], kind="stable")
 
     def bits(self, node: int, part: tuple[slice, slice]) -> NDArray[np.bool_]:
         """Which pixels of a part of the image belong to a node."""

@@ -14,6 +14,7 @@ from zpm2.plugins import ModelInfo
         weights_licence="each matcher has its own",
         training_data="see the matcher",
         input_size="see the matcher",
+        variable="ZPM2_VISMATCH_PYTHON",
         bytes_per_pixel=4000.0,  # of the other process; not measured: that of Efficient LoFTR
     ),
 )
