@@ -106,7 +106,7 @@ def test_what_there_is_of_a_published_row():
 
 def test_a_line_that_cannot_be_run_says_why(monkeypatch, runs, tmp_path):
     def refuse(self, out, **_):
-        if self.config.points.methods == ("loftr",):
+        if self.config.points.methods == ("loftr-outdoor",):
             raise WeightsError("the weights of loftr cannot be had")
         return []
 

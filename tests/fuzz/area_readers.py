@@ -43,7 +43,7 @@ def _samples() -> dict[str, tuple[Files, ...]]:
     track = [{"image_id": k, "track_id": 7, "bbox": [1, 2, 20, 20], "score": 0.5} for k in (1, 2)]
     picture = encoded("PNG", BITS)
     return {
-        "areas": ({"a.json": json.dumps({**neutral, "left_size": [96, 80]}).encode(), "right.png": picture},),
+        "areas": ({"a.json": json.dumps(neutral).encode(), "right.png": picture},),
         "masa": ({"a.json": json.dumps([frame, frame]).encode()}, {"a.json": json.dumps(track).encode()}),
         "sam2": (
             {"a/00000.png": picture, "a/00001.png": picture},

@@ -55,7 +55,7 @@ TABLES: Mapping[int, Table] = {
         (
             Line(OURS),
             Line("zpm2, SuperPoint + LightGlue", LIGHTGLUE, settings=_points("superpoint"), regions=OURS),
-            Line("zpm2, LoFTR", LOFTR, settings=_points("loftr"), regions=OURS),
+            Line("zpm2, LoFTR", LOFTR, settings=_points("loftr-outdoor"), regions=OURS),
             Line("point vote", method="vote", regions=OURS),
             Line("MESA, our implementation", "MESA", method="mesa", regions=OURS),
             Line("SGAM, our implementation", "SGAM", method="sgam", regions=OURS),
@@ -118,8 +118,8 @@ TABLES: Mapping[int, Table] = {
                 run=OURS,
                 keys={"AUC@5": "AUC5_points%", "AUC@10": "AUC10_points%", "AUC@20": "AUC20_points%"},
             ),
-            Line("MESA, our implementation, LoFTR", "MESA + LoFTR", "mesa", _points("loftr"), OURS),
-            Line("SGAM, our implementation, LoFTR", "SEEM + SGAM + LoFTR", "sgam", _points("loftr"), OURS),
+            Line("MESA, our implementation, LoFTR", "MESA + LoFTR", "mesa", _points("loftr-indoor"), OURS),
+            Line("SGAM, our implementation, LoFTR", "SEEM + SGAM + LoFTR", "sgam", _points("loftr-indoor"), OURS),
             Line(
                 "LoFTR, no polygons",
                 "LoFTR",
