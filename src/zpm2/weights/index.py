@@ -6,11 +6,14 @@ for a file name of 1,600 letters, four and eight times that for twice as much. H
 
 import re
 from html.parser import HTMLParser
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urldefrag, urljoin
 
 from zpm2.files.reading import WRONG, parse_json
 from zpm2.weights.manifest import Carrier
+
+if TYPE_CHECKING:
+    from zpm2.formats.convert import Members
 
 MAX_PAGE = 2**20  # bytes; each file of a project takes some hundred
 ACCEPT = "application/vnd.pypi.simple.v1+json, application/vnd.pypi.simple.v1+html;q=0.2, text/html;q=0.1"
@@ -35,7 +38,7 @@ def address_of(source: Carrier, page: bytes, kind: str, url: str) -> str | None:
         raise ValueError("it is no page of an index") from error
 
 
-def _of_json(page: Any) -> tuple[str, list[tuple[str, str]]]:
+def _of_json(page: "Members") -> tuple[str, list[tuple[str, str]]]:
     """The base of relative addresses, and name and address of each file."""
     _require_version(page["meta"]["api-version"])
     files = [(file["filename"], file["url"]) for file in page["files"]]

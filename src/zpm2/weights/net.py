@@ -10,17 +10,23 @@ import http.client
 import io
 import logging
 import re
+import socket
 import tarfile
 import time
 import zipfile
 import zlib
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, cast
 from urllib.parse import urlsplit
 
 from zpm2.errors import Zpm2Error
 from zpm2.weights.store import Progress
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+    from requests import PreparedRequest, Response, Session
+    from urllib3 import HTTPConnectionPool
 
 TIMEOUT = (10.0, 30.0)  # seconds, to connect (each address of the host) and between two reads
 QUICK = (2.0, 5.0)  # the same where another source stands by
@@ -57,7 +63,7 @@ class _TooMuch(Exception):
     """An answer had more bytes than it may have."""
 
 
-def open_session(most: int) -> Any:
+def open_session(most: int) -> "Session":
     """A requests session whose answers are metered; the body of none may have more than `most` bytes.
 
     Proxies and certificates come from the environment, as usual with requests.
@@ -66,14 +72,23 @@ def open_session(most: int) -> Any:
     from requests.adapters import HTTPAdapter
 
     class Answer(http.client.HTTPResponse):
-        def __init__(self, sock: Any, *args: Any, **options: Any) -> None:
-            super().__init__(sock, *args, **options)
-            self.fp: Any = io.BufferedReader(_Metered(self.fp.detach(), 2 * most + _HEAD))
+        def __init__(
+            self, sock: socket.socket, debuglevel: int = 0, method: str | None = None, url: str | None = None
+        ) -> None:
+            super().__init__(sock, debuglevel, method, url)
+            self.fp = io.BufferedReader(_Metered(self.fp.detach(), 2 * most + _HEAD))
 
     class Adapter(HTTPAdapter):
-        def get_connection_with_tls_context(self, *args: Any, **options: Any) -> Any:
-            pool: Any = super().get_connection_with_tls_context(*args, **options)
-            if pool.ConnectionCls.response_class is not Answer:
+        def get_connection_with_tls_context(
+            self,
+            request: "PreparedRequest",
+            verify: bool | str,
+            proxies: dict[str, str] | None = None,
+            cert: tuple[str, str] | str | None = None,
+        ) -> "HTTPConnectionPool":
+            pool = super().get_connection_with_tls_context(request, verify, proxies, cert)
+            connection = cast("type[http.client.HTTPConnection]", pool.ConnectionCls)  # which urllib3's are, too
+            if connection.response_class is not Answer:
                 pool.ConnectionCls = type("Connection", (pool.ConnectionCls,), {"response_class": Answer})
             return pool
 
@@ -87,8 +102,8 @@ def open_session(most: int) -> Any:
 
 @contextmanager
 def answer(
-    session: Any, url: str, timeout: tuple[float, float] = TIMEOUT, headers: dict[str, str] | None = None
-) -> Iterator[Any]:
+    session: "Session", url: str, timeout: tuple[float, float] = TIMEOUT, headers: dict[str, str] | None = None
+) -> Iterator["Response"]:
     """The answer to GET, its body not yet read. `SourceError` if it reports a failure."""
     with told_briefly(url):
         response = session.get(url, stream=True, timeout=timeout, headers=headers)
@@ -98,7 +113,7 @@ def answer(
         yield response
 
 
-def content(response: Any, url: str, most: int, progress: Progress | None = None) -> Generator[bytes]:
+def content(response: "Response", url: str, most: int, progress: Progress | None = None) -> Generator[bytes]:
     """The bytes of an answer's body, in order. `SourceError` if they do not all come, or are more than `most`.
 
     `progress` is called where the server announces their number.
@@ -118,7 +133,7 @@ def content(response: Any, url: str, most: int, progress: Progress | None = None
 
 
 def body(
-    session: Any, url: str, most: int, timeout: tuple[float, float] = TIMEOUT, progress: Progress | None = None
+    session: "Session", url: str, most: int, timeout: tuple[float, float] = TIMEOUT, progress: Progress | None = None
 ) -> Generator[bytes]:
     """The bytes behind a URL; see `content`."""
     with answer(session, url, timeout) as response:
@@ -132,7 +147,7 @@ class RemoteFile(io.RawIOBase):
     than `most` bytes are read altogether.
     """
 
-    def __init__(self, session: Any, url: str, most: int) -> None:
+    def __init__(self, session: "Session", url: str, most: int) -> None:
         self._session, self._url, self._left = session, url, most
         self._at, self._size = 0, 0
         self._size = self._part(0, 0)[1]
@@ -152,11 +167,12 @@ class RemoteFile(io.RawIOBase):
             raise OSError("a position before the beginning of the file")
         return self._at
 
-    def readinto(self, buffer: Any) -> int:
-        count = min(len(buffer), self._size - self._at)
+    def readinto(self, buffer: "WriteableBuffer") -> int:
+        view = memoryview(buffer).cast("B")
+        count = min(len(view), self._size - self._at)
         if count <= 0:
             return 0
-        buffer[:count] = self._part(self._at, self._at + count - 1)[0]
+        view[:count] = self._part(self._at, self._at + count - 1)[0]
         self._at += count
         return count
 
@@ -188,7 +204,7 @@ class _Metered(io.RawIOBase):
     def readable(self) -> bool:
         return True
 
-    def readinto(self, buffer: Any) -> int | None:
+    def readinto(self, buffer: "WriteableBuffer") -> int | None:
         began = time.monotonic()
         count = self._raw.readinto(buffer)
         self._waited += time.monotonic() - began

