@@ -5,7 +5,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping
 from io import TextIOWrapper
-from typing import Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 from typer.core import TyperGroup
@@ -13,9 +13,14 @@ from typer.core import TyperGroup
 from zpm2.cli import cloud, config, demo, doctor, match, models, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
-from zpm2.cli.options import Command, Context
+from zpm2.cli.options import Command
 from zpm2.errors import ConfigError, PluginWarning, Zpm2Error
 from zpm2.runtime import package_version
+
+if TYPE_CHECKING:
+    from typer._click.exceptions import ClickException
+
+    from zpm2.cli.options import Context
 
 COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of the help; a Typer has sub-commands
     "demo": demo.demo,
@@ -35,7 +40,9 @@ CLASSES = {"eval": evaluation.EvalCommand}  # of commands whose help is made whe
 _show_warning = warnings.showwarning
 
 # Base of typer's usage errors: click's class, or that of the click which newer typers carry inside.
-UsageError: Any = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+UsageError: "type[ClickException]" = next(
+    base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException"
+)
 
 
 class Commands(TyperGroup):
@@ -43,11 +50,11 @@ class Commands(TyperGroup):
 
     order: tuple[str, ...] = ()
 
-    def list_commands(self, ctx: Context) -> list[str]:
+    def list_commands(self, ctx: "Context") -> list[str]:
         """Commands with and without sub-commands, which typer keeps apart."""
         return sorted(self.commands, key=self.order.index)
 
-    def invoke(self, ctx: Context) -> object:
+    def invoke(self, ctx: "Context") -> object:
         """As typer does, except that typer would swallow an interrupt with the notes on it."""
         try:
             return super().invoke(ctx)
@@ -105,7 +112,8 @@ def main() -> None:
         if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message(), file=sys.stderr)
             sys.exit(2)
-        command = error.ctx.command_path if getattr(error, "ctx", None) else "zpm2"
+        ctx = getattr(error, "ctx", None)
+        command = ctx.command_path if ctx else "zpm2"
         sys.exit(_complain(f"{error.format_message().rstrip('.')}; see {command} --help"))
     except (Interrupted, typer.Abort, KeyboardInterrupt) as stop:
         _complain(str(stop) or "interrupted")

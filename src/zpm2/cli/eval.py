@@ -4,7 +4,7 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer.core import TyperArgument
@@ -16,7 +16,6 @@ from zpm2.cli.options import (
     RESULT,
     AllowVrt,
     Command,
-    Context,
     HelpFormatter,
     MaxMemory,
     Method,
@@ -31,11 +30,14 @@ from zpm2.cli.options import (
 )
 from zpm2.errors import ConfigError
 
+if TYPE_CHECKING:
+    from zpm2.cli.options import Context
+
 
 class EvalCommand(Command):
     """`zpm2 eval`, whose help names the registered data sets."""
 
-    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
+    def format_options(self, ctx: "Context", formatter: HelpFormatter) -> None:
         """As `Command`; the data sets are looked up now, as their modules take time to load."""
         for item in self.get_params(ctx):
             if isinstance(item, TyperArgument) and item.name == "dataset":

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 from typer.core import TyperCommand
@@ -13,6 +13,8 @@ from zpm2 import memory
 from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
+    from typer._click import Context as Context  # older typers have none of their own and take that of click
+
     from zpm2.config import Config
 
 # groups of options in the help
@@ -23,9 +25,6 @@ CAMERAS = "Cameras"
 DATA = "Data set"
 LARGE = "Large and georeferenced photographs"
 RUN = "Run"
-
-
-Context = Any  # click.Context, or that of the click that newer versions of typer carry inside
 
 
 class HelpFormatter(Protocol):
@@ -41,12 +40,12 @@ class HelpFormatter(Protocol):
 class Command(TyperCommand):
     """A command that lists its options in groups, and whose memory budget ends with it."""
 
-    def invoke(self, ctx: Context) -> object:
+    def invoke(self, ctx: "Context") -> object:
         """As typer does."""
         with memory.within(memory.AUTO):
             return super().invoke(ctx)
 
-    def format_options(self, ctx: Context, formatter: HelpFormatter) -> None:
+    def format_options(self, ctx: "Context", formatter: HelpFormatter) -> None:
         """Arguments, then each group in the order of its first option."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for item in self.get_params(ctx):
