@@ -5,10 +5,13 @@ the publication, as `transformers` (seen with 5.24) pairs the best row of each c
 which are two different matches, and takes one softmax over all matches instead of over a window.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from transformers import EfficientLoFTRForKeypointMatching
 
 CELL = 8  # px, side of a coarse cell, and of the window in which its point is placed
 AROUND = CELL + 2  # px, side of the window of the right image: one px more on each side
@@ -19,7 +22,9 @@ BORDER = 2  # cells along the border of an image that take no part, as published
 AT_ONCE = 2048  # matches that are refined at a time, to bound the memory
 
 
-def match(network: Any, left: Tensor, right: Tensor, threshold: float) -> list[tuple[Tensor, Tensor, Tensor]]:
+def match(
+    network: "EfficientLoFTRForKeypointMatching", left: Tensor, right: Tensor, threshold: float
+) -> list[tuple[Tensor, Tensor, Tensor]]:
     """The points of each of (b, 1, h, w) grey pairs 0..1, both sides multiples of 32: (n, 2) and (n, 2) px, pixel
     centres at +0.5; (n,) confidence, above `threshold`."""
     coarse, *finer = network.efficientloftr(torch.stack([left, right], 1)).feature_maps

@@ -9,7 +9,6 @@ estimator tells them apart.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -98,7 +97,7 @@ def _view(image: Image, size: int, angle: int) -> tuple[Image, NDArray[np.float6
     of the image. Nothing is cut off."""
     factor = min(1.0, size / max(image.width, image.height))
     width, height = max(1, round(image.width * factor)), max(1, round(image.height * factor))
-    rgb: NDArray[Any] = image.rgb
+    rgb: NDArray[np.uint8] = image.rgb
     if factor < 1:
         rgb = cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA)
     turned, size_turned = geometry.turn_image(width, height, np.radians(angle))

@@ -12,7 +12,6 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from zpm2.config import PointsConfig
 from zpm2.errors import MissingDependency, PointMatcherError
 from zpm2.features.frame import Frame, frame
+from zpm2.formats.convert import Members
 from zpm2.model import Image, PointMatches
 from zpm2.weights.fetch import offline
 
@@ -44,7 +44,7 @@ class VismatchMatcher:
     config: PointsConfig
     device: str
     name: str = "vismatch"
-    _process: Any = field(default=None, repr=False)
+    _process: "subprocess.Popen[bytes]" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         python = os.environ.get(PYTHON, "")
@@ -59,6 +59,9 @@ class VismatchMatcher:
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said, env=environment)
         except OSError as error:
             raise MissingDependency(f"{PYTHON} is {python}: {error.strerror}; vismatch needs {INSTALL}") from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
         weakref.finalize(self, _end, self._process)
         self._answer()  # it is ready
 
@@ -70,12 +73,12 @@ class VismatchMatcher:
         pixels = [_pixels(side) for side in frames]
         question = {"shapes": [each.shape[:2] for each in pixels]}
         try:
-            self._process.stdin.write(json.dumps(question).encode() + b"\n" + b"".join(p.tobytes() for p in pixels))
-            self._process.stdin.flush()
+            self._input.write(json.dumps(question).encode() + b"\n" + b"".join(p.tobytes() for p in pixels))
+            self._input.flush()
         except OSError:
             raise self._gone() from None
         count = int(self._answer()["points"])
-        data = self._process.stdout.read(count * 40)
+        data = self._output.read(count * 40)
         if len(data) != count * 40:
             raise self._gone()
         table = np.frombuffer(data, np.float64).reshape(count, 5)
@@ -96,11 +99,11 @@ class VismatchMatcher:
         score = np.clip(table[rows, 4], 0.0, 1.0)
         return PointMatches(left.to_image(at[0][rows]), right.to_image(at[1][rows]), score)
 
-    def _answer(self) -> dict[str, Any]:
-        line = self._process.stdout.readline()
+    def _answer(self) -> Members:
+        line = self._output.readline()
         if not line:
             raise self._gone()
-        answer: dict[str, Any] = json.loads(line)
+        answer: Members = json.loads(line)
         return answer
 
     def _gone(self) -> PointMatcherError:
