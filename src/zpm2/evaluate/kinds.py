@@ -2,18 +2,19 @@
 
 import inspect
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 from zpm2.errors import ConfigError, did_you_mean
 from zpm2.evaluate.datasets import DATASETS
+from zpm2.evaluate.datasets.registry import DatasetFormat
 from zpm2.features.registry import METHODS
 from zpm2.formats.registry import FORMATS, OutputFormat
-from zpm2.plugins import Registry, value_at
+from zpm2.plugins import Models, Registry, value_at
 from zpm2.segment.registry import SEGMENTERS
 
 Kind = Literal["segmenter", "point matcher", "data set", "format"]
 
-REGISTRIES: Mapping[Kind, Registry[Any]] = {
+REGISTRIES: Mapping[Kind, Models | Registry[DatasetFormat] | Registry[OutputFormat]] = {
     "segmenter": SEGMENTERS,
     "point matcher": METHODS,
     "data set": DATASETS,

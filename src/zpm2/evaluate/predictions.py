@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,12 @@ from zpm2.files.photo_paths import has_content
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.record import make_folder, remove_own, save_key, saved_key
 from zpm2.files.writing import atomic_write, claim, output_folder
+from zpm2.formats.convert import Members
 from zpm2.pose import PoseResult
 from zpm2.result import MatchResult
 from zpm2.runtime import package_version
 
 T = TypeVar("T")
-Document = dict[str, Any]  # a JSON object from a file: `_taken` refuses one that does not hold what is read
 RUN, PREDICTIONS = "run.json", "predictions"
 MatchPair = Callable[[EvalPair], MatchResult]
 RESULTS = ("matches.json", "pose.json", "memory.json")
@@ -122,7 +122,7 @@ def load(pair: EvalPair, out: Path) -> MatchResult | str | None:
 def is_current(pair: EvalPair, out: Path) -> bool:
     """Whether the prediction of a pair is of the photographs that it has now."""
 
-    def same(document: Document) -> bool:
+    def same(document: Members) -> bool:
         sides = (document["left"], pair.left), (document["right"], pair.right)
         return all(has_content(side, file) for side, file in sides)
 
@@ -162,7 +162,7 @@ def peak_mb() -> int | None:
     return size // (1024 * 1024 if sys.platform == "darwin" else 1024)
 
 
-def _pose(values: Document) -> PredictedPose:
+def _pose(values: Members) -> PredictedPose:
     found, flags, counts = None, "failed", values["counts"]
     if (motion := values["pose"]) is not None:
         shift = motion["translation"]
@@ -177,7 +177,7 @@ def _number(value: float | None) -> float | None:
     return None if value is None else float(value)
 
 
-def _taken(file: Path, take: Callable[[Document], T]) -> T:
+def _taken(file: Path, take: Callable[[Members], T]) -> T:
     """`take` of the object in a JSON file; `InputError` where it lacks something."""
     try:
         return take(_read_json(file))
@@ -185,7 +185,7 @@ def _taken(file: Path, take: Callable[[Document], T]) -> T:
         raise InputError(f"{file} is damaged ({error!r}); delete it and run again") from error
 
 
-def _read_json(file: Path) -> Document:
+def _read_json(file: Path) -> Members:
     try:
         values = read_json(file)
     except (OSError, ValueError) as error:

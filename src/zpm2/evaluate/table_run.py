@@ -5,16 +5,17 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from zpm2 import config as configuration
 from zpm2.errors import ConfigError, Zpm2Error
 from zpm2.evaluate import report
+from zpm2.evaluate.report import Cell
 from zpm2.evaluate.run import Evaluation
 from zpm2.evaluate.tables import TABLES, Line, Table, here
 from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write, claim
 
+Summary = Mapping[str, float | None]  # see `report.summary`
 NAMES = {"sceneflow": "SceneFlow", "kitti": "KITTI", "scannet": "ScanNet"}  # how the paper's rows call data sets
 
 
@@ -32,7 +33,7 @@ def run_table(
     folder, table = Path(out), TABLES[number]
     evaluation.pairs()  # a data set that cannot be read is no matter of a line
     claim(folder, file_names(number))
-    runs: dict[str, Mapping[str, Any] | str] = {}
+    runs: dict[str, Summary | str] = {}
     for line in table.lines:
         if not line.run:
             runs[line.label] = _measured(evaluation, line, folder, tell)
@@ -56,7 +57,7 @@ def _folder(label: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")
 
 
-def _measured(evaluation: Evaluation, line: Line, out: Path, tell: Callable[[str], None]) -> Mapping[str, Any] | str:
+def _measured(evaluation: Evaluation, line: Line, out: Path, tell: Callable[[str], None]) -> Summary | str:
     """The summary of a line's evaluation, or why there is none."""
     try:
         changed = dataclasses.replace(
@@ -74,7 +75,7 @@ def _measured(evaluation: Evaluation, line: Line, out: Path, tell: Callable[[str
     return report.summary(rows)
 
 
-def _printed(table: Table, dataset: str) -> list[tuple[Any, ...]]:
+def _printed(table: Table, dataset: str) -> list[tuple[Cell, ...]]:
     """The published rows of a data set; all of them where the paper has none of it."""
     names = [name for key, name in NAMES.items() if dataset.startswith(key)]
     own = [row for row in table.printed if row[0] in ("", *names)]
@@ -83,14 +84,14 @@ def _printed(table: Table, dataset: str) -> list[tuple[Any, ...]]:
     return [(f"{row[1]}, {row[0]}", *row[2:]) for row in table.printed]
 
 
-def _published(table: Table, row: tuple[Any, ...]) -> list[Any]:
-    return [*row, f"published; {here(table, row[0])}"]
+def _published(table: Table, row: tuple[Cell, ...]) -> list[Cell]:
+    return [*row, f"published; {here(table, str(row[0]))}"]
 
 
-def _line(table: Table, line: Line, measured: Mapping[str, Any] | str) -> list[Any]:
+def _line(table: Table, line: Line, measured: Summary | str) -> list[Cell]:
     if isinstance(measured, str):
         return [line.label, *(None for _ in table.columns), f"not run: {measured}"]
-    cells = []
+    cells: list[Cell] = []
     for column, usual in table.columns.items():
         key = line.keys.get(column, usual)
         value = measured.get(key.removesuffix("%"))

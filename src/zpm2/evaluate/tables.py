@@ -5,7 +5,6 @@ Numbers are those of the paper's section 4, in its order. `table_run` runs them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from zpm2.evaluate import published
 
@@ -33,7 +32,8 @@ class Table:
 
     title: str
     columns: Mapping[str, str]  # header -> figure of `report.summary`; "%" at its end: in per cent
-    printed: Sequence[tuple[Any, ...]]  # the paper's rows: data set ("" for any), method, the columns (None: not there)
+    # the paper's rows: data set ("" for any), method, the columns (None: not there)
+    printed: Sequence[tuple[str | float | None, ...]]
     lines: Sequence[Line]
     needs: Mapping[str, str] = field(
         default_factory=dict

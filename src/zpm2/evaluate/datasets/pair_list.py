@@ -5,7 +5,6 @@ import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import ConfigError, InputError, did_you_mean
 from zpm2.evaluate.datasets.layout import found, path_name
@@ -13,9 +12,9 @@ from zpm2.evaluate.datasets.registry import dataset
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, HomographyTruth, PoseTruth, Truth
 from zpm2.files.listing import existing, json_file, text
 from zpm2.formats import cameras
+from zpm2.formats.convert import Members
 
 KINDS = ("disparity", "depth", "pose", "homography")
-Entry = dict[str, Any]  # a JSON object as the user wrote it: each value is checked where it is read
 
 
 @dataset("pairs", truth="as listed")
@@ -48,7 +47,7 @@ def from_csv(root: Path, split: str | None) -> Iterator[EvalPair]:
     return found((_row(root, row, f"{path} line {number}") for number, row in rows), f"rows in {path}")
 
 
-def _entry(root: Path, entry: Entry, what: str) -> EvalPair:
+def _entry(root: Path, entry: Members, what: str) -> EvalPair:
     for key in ("name", "left", "right"):
         if not isinstance(entry.get(key), str) or not entry[key]:
             raise InputError(f"{what} has no '{key}': write it as a string")
@@ -57,7 +56,7 @@ def _entry(root: Path, entry: Entry, what: str) -> EvalPair:
     return EvalPair(name, existing(root / entry["left"]), existing(root / entry["right"]), _truth(root, entry, what))
 
 
-def _truth(root: Path, entry: Entry, what: str) -> Truth | None:
+def _truth(root: Path, entry: Members, what: str) -> Truth | None:
     truth = entry.get("gt")
     if truth is None:
         return None
@@ -90,7 +89,7 @@ def _row(root: Path, row: dict[str, str | None], what: str) -> EvalPair:
     return EvalPair(path_name(*name.split("/")), left, right, truth)
 
 
-def _file(root: Path, truth: Entry, key: str, what: str) -> Path:
+def _file(root: Path, truth: Members, key: str, what: str) -> Path:
     if not isinstance(truth.get(key), str):
         raise InputError(f"gt of {what} has no '{key}': write the path of its map")
     return existing(root / truth[key])

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import shapely
@@ -27,7 +26,7 @@ class Area(Polygon):
     pieces: tuple[shapely.Polygon, ...] = ()
 
     @cached_property
-    def shape(self) -> Any:
+    def shape(self) -> shapely.Polygon | shapely.MultiPolygon:
         """All pieces, image px."""
         return self.pieces[0] if len(self.pieces) == 1 else shapely.MultiPolygon(self.pieces)
 
@@ -59,7 +58,7 @@ def sized_pair(name: str, sizes: tuple[Size, Size]) -> SizedPair:
     return SizedPair(name, sizes, (blank[0], blank[1]))
 
 
-def of_box(values: Any, what: str) -> Pieces:
+def of_box(values: object, what: str) -> Pieces:
     """The area of x0, y0, x1, y1; `InputError` where that is none."""
     box = numbers(values, (4,), f"{what}: a box is four numbers, x0, y0, x1, y1")
     if not (box[2] > box[0] and box[3] > box[1]):
@@ -67,7 +66,7 @@ def of_box(values: Any, what: str) -> Pieces:
     return [shapely.box(*box)]
 
 
-def of_rings(rings: Any, what: str) -> Pieces:
+def of_rings(rings: object, what: str) -> Pieces:
     """The area of an exterior ring and of holes, each a list of x, y; crossing rings are repaired."""
     if not isinstance(rings, list) or not rings:
         raise InputError(f"{what}: a polygon is a list of rings, the exterior first")
@@ -89,7 +88,7 @@ def scaled(pieces: Pieces, size: Size, to: Size) -> Pieces:
     return pieces if size == to else [shapely.transform(piece, lambda xy: xy * factor) for piece in pieces]
 
 
-def numbers(values: Any, shape: tuple[int, ...], complaint: str) -> NDArray[np.float64]:
+def numbers(values: object, shape: tuple[int, ...], complaint: str) -> NDArray[np.float64]:
     """An array of finite numbers of that shape (-1: of any length); `InputError` for anything else."""
     try:
         found = np.array(values, np.float64)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.evaluate.results.areas import AreaMatches, Pieces
@@ -12,7 +11,7 @@ from zpm2.segment.given.labels import open_labels
 from zpm2.segment.given.region import GivenRegion
 
 
-def json_of(file: Path) -> Any:
+def json_of(file: Path) -> object:
     """The value in a JSON file; `InputError` where it cannot be read."""
     try:
         return read_json(file)

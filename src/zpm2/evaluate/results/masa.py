@@ -6,7 +6,6 @@ Either what demo/inference_with_json.py writes, a list with an object for each f
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from zpm2.errors import InputError
 from zpm2.evaluate.results.areas import AreaMatches, Pieces, SizedPair, numbers, of_box, of_pixels
 from zpm2.evaluate.results.files import json_of, tracked
 from zpm2.evaluate.results.registry import result_format
+from zpm2.formats.convert import Members
 from zpm2.model import Image
 
 Frame = dict[int, tuple[Pieces, float]]
@@ -36,7 +36,7 @@ def read(folder: Path, pair: SizedPair) -> AreaMatches | None:
     return tracked((left, right))
 
 
-def _frame(frame: dict[str, Any], image: Image, file: Path) -> Frame:
+def _frame(frame: Members, image: Image, file: Path) -> Frame:
     ids = numbers(frame.get("instances_id"), (-1,), f'{file}: "instances_id" are no numbers')
     n = len(ids)
     boxes = numbers(
@@ -59,7 +59,7 @@ def _frame(frame: dict[str, Any], image: Image, file: Path) -> Frame:
     return found
 
 
-def _boxes(entries: list[dict[str, Any]], file: Path) -> tuple[Frame, Frame]:
+def _boxes(entries: list[Members], file: Path) -> tuple[Frame, Frame]:
     frames: dict[int, Frame] = {}
     for k, entry in enumerate(entries):
         what = f"{file}: box {k}"

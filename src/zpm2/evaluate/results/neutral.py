@@ -1,7 +1,6 @@
 """`areas`: our own neutral JSON for area matches of any tool (docs/peers.md)."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from zpm2.evaluate.results.areas import (
 )
 from zpm2.evaluate.results.files import json_of, pixels_of_labels
 from zpm2.evaluate.results.registry import result_format
+from zpm2.formats.convert import Members
 from zpm2.model import SIDES, Image, Mask
 from zpm2.photos.checks import MAX_PIXELS
 from zpm2.segment.given.annotations import decode
@@ -56,7 +56,7 @@ def read(folder: Path, pair: SizedPair) -> AreaMatches | None:
 class _Side:
     """The areas of one image, in the frame of its photograph."""
 
-    def __init__(self, file: Path, document: dict[str, Any], k: int, pair: SizedPair) -> None:
+    def __init__(self, file: Path, document: Members, k: int, pair: SizedPair) -> None:
         self.file, self.document, self.name, self.size = file, document, SIDES[k], pair.sizes[k]
         given = document.get(f"{self.name}_size")
         self.given: Size = self.size
@@ -74,13 +74,14 @@ class _Side:
         areas = _list(self.document.get(f"{self.name}_areas", []), what)
         return [self.area(area, f"{what} {k}") for k, area in enumerate(areas)]
 
-    def area(self, value: Any, what: str) -> Pieces:
+    def area(self, value: object, what: str) -> Pieces:
         """One area of the document."""
         what = f"{what}, {self.name}"
-        kinds = [kind for kind in KINDS if isinstance(value, dict) and kind in value]
+        members = value if isinstance(value, dict) else {}
+        kinds = [kind for kind in KINDS if kind in members]
         if len(kinds) != 1:
             raise InputError(f"{what}: an area has one of {', '.join(KINDS)}")
-        body = value[kinds[0]]
+        body = members[kinds[0]]
         if kinds[0] == "box":
             found = of_box(body, what)
         elif kinds[0] == "polygon":
@@ -88,10 +89,10 @@ class _Side:
         elif kinds[0] == "rle":
             found = of_pixels(decode(body if isinstance(body, dict) else {}, what, self.image), what)
         else:
-            found = self._mask(body, value.get("value"), what)
+            found = self._mask(body, members.get("value"), what)
         return scaled(found, self.given, self.size)
 
-    def _mask(self, name: Any, value: Any, what: str) -> Pieces:
+    def _mask(self, name: object, value: object, what: str) -> Pieces:
         if not isinstance(name, str) or not name:
             raise InputError(f"{what}: a mask is the name of a file")
         if name not in self._labels:
@@ -107,7 +108,7 @@ class _Side:
         return of_pixels(bits, what)
 
 
-def _list(value: Any, what: str) -> list[Any]:
+def _list(value: object, what: str) -> list[object]:
     if not isinstance(value, list):
         raise InputError(f"{what} is no list")
     return value

@@ -9,7 +9,6 @@ A reader registers itself where it is defined:
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import ConfigError
 from zpm2.evaluate.results.areas import AreaMatches, SizedPair
@@ -27,7 +26,7 @@ class ResultFormat:
     where: str  # what a folder holds for the pair NAME, for messages
 
 
-def _adopted(name: str, value: Any) -> ResultFormat:
+def _adopted(name: str, value: object) -> ResultFormat:
     if not callable(value):
         raise ConfigError(f"result format '{name}' is a {type(value).__name__}: give a function of a folder and a pair")
     return ResultFormat(name, value, "something")
