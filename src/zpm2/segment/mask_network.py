@@ -6,7 +6,7 @@ own for speed.) A network says how it wants to see a photograph (`Sight`); all e
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds,
 from zpm2.segment.sam import MEAN, NETWORK_LOCK, STD
 
 Array = NDArray[np.float32]
+Encoded = TypeVar("Encoded")  # what a network makes of a photograph, and only it reads
 MAX_LOGIT = 60.0  # beyond which a logit says nothing more; fits into 16 bits
 
 
@@ -50,24 +51,24 @@ class Sight:
         return square
 
 
-class MaskNetwork(Protocol):
+class MaskNetwork(Protocol[Encoded]):
     """An image encoder, and a decoder of prompts into masks."""
 
     sight: Sight
     batch: int  # prompts at a time, at most
 
-    def encode(self, pixels: Array) -> Any:
+    def encode(self, pixels: Array) -> Encoded:
         """(1, 3, side, side) -> what `decode` needs of the photograph."""
 
-    def decode(self, encoded: Any, points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    def decode(self, encoded: Encoded, points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
         """Prompts as points (B, P, 2), px of the square from its outer corner, with labels (P,) as in `predictions` ->
         predicted IoU (B, M), 0..1, and logits (B, M, m, m) over the whole square."""
 
 
-class NetworkView(MaskView):
+class NetworkView(MaskView, Generic[Encoded]):
     """One photograph as a `MaskNetwork` sees it, encoded once. Implements `PromptedView`."""
 
-    def __init__(self, network: MaskNetwork, image: Image, config: SegmentConfig) -> None:
+    def __init__(self, network: MaskNetwork[Encoded], image: Image, config: SegmentConfig) -> None:
         super().__init__(image, network.sight.side)
         self.network, self.config, self.batch = network, config, network.batch
         self.scale = network.sight.scale(image)
@@ -111,7 +112,7 @@ class NetworkView(MaskView):
         return np.stack([np.asarray(logits, np.float32) for logits in each])
 
 
-class NetworkSegmenter:
+class NetworkSegmenter(Generic[Encoded]):
     """A `MaskNetwork` behind the `PromptedSegmenter` protocol.
 
     `notes` tell the user how it runs. `progress` receives the share of an image's prompts that is done, 0..1.
@@ -121,14 +122,14 @@ class NetworkSegmenter:
         self,
         name: str,
         config: SegmentConfig,
-        network: MaskNetwork,
+        network: MaskNetwork[Encoded],
         notes: Sequence[str] = (),
         progress: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.name, self.config, self.network = name, config, network
         self.notes, self.progress = list(notes), progress
 
-    def view(self, image: Image) -> NetworkView:
+    def view(self, image: Image) -> NetworkView[Encoded]:
         """The photograph, encoded."""
         return NetworkView(self.network, image, self.config)
 

@@ -4,7 +4,7 @@ The encoder's file is in the format of ONNX Runtime itself, which no other progr
 masks a prompt and takes boxes as two labelled points, as all SAM 2 do. Its input for an earlier mask is not used.
 """
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ CUDA = "CUDAExecutionProvider"
 PARTS = ("image_embed", "high_res_feats_0", "high_res_feats_1")
 
 
-def open_network(config: SegmentConfig, device: str, download: Progress | None) -> tuple[MaskNetwork, list[str]]:
+def open_network(
+    config: SegmentConfig, device: str, download: Progress | None
+) -> tuple[MaskNetwork[dict[str, Array]], list[str]]:
     """The network, and a note where the device is a GPU that ONNX Runtime cannot use."""
     try:
         import onnxruntime
@@ -37,7 +39,7 @@ class Sam2Onnx:
 
     sight = Sight(1024, stretched=True)
 
-    def __init__(self, onnxruntime: Any, on_gpu: bool, batch: int, download: Progress | None = None) -> None:
+    def __init__(self, onnxruntime: ModuleType, on_gpu: bool, batch: int, download: Progress | None = None) -> None:
         self.batch = batch
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 3  # errors, which become ours

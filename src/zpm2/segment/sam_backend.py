@@ -9,7 +9,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from math import isqrt
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,15 @@ from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
 
+if TYPE_CHECKING:
+    from kornia.models.sam import Sam
+    from openvino import CompiledModel
+    from torch import Tensor
+
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
+Opaque = Any  # what a backend returns and only that backend reads: torch's tensors or arrays
+Tokens = TypeVar("Tokens", "Tensor", Array)
 
 VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
@@ -38,16 +45,16 @@ class SamBackend(Protocol):
     def embed(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> Array:
         """`sam_network.PromptEmbedding`."""
 
-    def image(self, pixels: Array) -> Any:
+    def image(self, pixels: Array) -> Opaque:
         """(1, 3, 1024, 1024) -> the parts that do not depend on the prompt."""
 
-    def tokens(self, parts: Any) -> Array:
+    def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
-    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Array, Opaque]:
         """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
         `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
 
@@ -69,7 +76,7 @@ def open_backend(config: SegmentConfig, device: str, say: Say, download: weights
     return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device)
 
 
-def load_sam(model: str) -> Any:
+def load_sam(model: str) -> "Sam":
     """kornia's `Sam` of that name with its released weights, in evaluation mode."""
     from kornia.models.sam import Sam
 
@@ -97,22 +104,22 @@ class TorchBackend:
             for network in (sam_network.ImageNetwork, sam_network.PromptNetwork, sam_network.MaskNetwork)
         ]
 
-    def _to(self, array: Any) -> Any:
+    def _to(self, array: NDArray[np.generic]) -> "Tensor":
         return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
 
-    def image(self, pixels: Array) -> Any:
+    def image(self, pixels: Array) -> "tuple[Tensor, ...]":
         with self.torch.inference_mode():
             return self.networks[0](self._to(pixels))
 
-    def tokens(self, parts: Any) -> Array:
+    def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
         return np.asarray(parts[0].cpu().numpy())
 
-    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Array, Tensor]":
         with self.torch.inference_mode():
             iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
             return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         with self.torch.inference_mode():
             logits = self.networks[2](_part(tokens[self._to(rows)], size), self._to(hyper))
         return logits[:, :, : size[0], : size[1]].cpu().numpy()
@@ -136,10 +143,11 @@ class OpenVinoBackend:
         self.core = openvino.Core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
-        self.prompt_networks: dict[int, Any] = {}  # by number of prompt tokens
-        self.mask_networks: dict[tuple[int, ...], Any] = {}  # by number of masks and of rows and columns of tokens
+        self.prompt_networks: dict[int, CompiledModel] = {}  # by number of prompt tokens
+        # by number of masks and of rows and columns of tokens
+        self.mask_networks: dict[tuple[int, ...], CompiledModel] = {}
 
-    def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> Any:
+    def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> "CompiledModel":
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
         options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
         graph = self.graphs[name].clone()
@@ -147,18 +155,18 @@ class OpenVinoBackend:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
         return self.core.compile_model(graph, "CPU", options)
 
-    def image(self, pixels: Array) -> Any:
+    def image(self, pixels: Array) -> list[Array]:
         return [part.copy() for part in self._run(self.image_network, [pixels])]
 
-    def tokens(self, parts: Any) -> Array:
+    def tokens(self, parts: list[Array]) -> Array:
         return np.asarray(parts[0])
 
     @staticmethod
-    def _run(network: Any, inputs: list[Array]) -> list[Array]:
+    def _run(network: "CompiledModel", inputs: list[Array]) -> list[Array]:
         """The outputs lie in the network's own memory, until it runs again."""
         return list(network(inputs, share_inputs=True, share_outputs=True).values())
 
-    def prompt(self, parts: Any, sparse: Array) -> tuple[Array, Array, Any]:
+    def prompt(self, parts: list[Array], sparse: Array) -> tuple[Array, Array, Array]:
         """In batches of a fixed size, filled up with zeros: a fifth faster than networks for any size."""
         given, tokens_each = sparse.shape[:2]
         if tokens_each not in self.prompt_networks:
@@ -169,7 +177,7 @@ class OpenVinoBackend:
         iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
-    def mask(self, tokens: Any, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
         """One prompt at a time: as fast as together, and the image tokens (4 MB each) are not copied."""
         logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
@@ -181,7 +189,7 @@ class OpenVinoBackend:
         return logits
 
 
-def _part(tokens: Any, size: tuple[int, int]) -> Any:
+def _part(tokens: Tokens, size: tuple[int, int]) -> Tokens:
     """Image tokens (B, N, C) -> those (B, h, w, C) under the first `size` (height, width) px of a decoded mask."""
     grid = isqrt(tokens.shape[1])
     return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN_PX), : -(-size[1] // TOKEN_PX)]

@@ -14,12 +14,16 @@ The weights are those of kornia's `Sam`; `tests/segment/test_sam_network.py` com
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from kornia.models.sam import Sam
+    from kornia.models.sam.architecture.transformer import Attention
 
 GRID = 64  # image tokens along a side
 ENCODER_SIDE = 1024  # px, the square that the image encoder sees
@@ -32,7 +36,7 @@ class ImageNetwork(nn.Module):
     k (8, 16, N) and v (8, N, 16) of token-to-image, q (N, 128) of image-to-token.
     """
 
-    def __init__(self, sam: Any) -> None:
+    def __init__(self, sam: "Sam") -> None:
         super().__init__()
         self.encoder = sam.image_encoder
         layer = sam.mask_decoder.transformer.layers[0]
@@ -55,7 +59,7 @@ class PromptNetwork(nn.Module):
     `sparse` (B, P, 256) are embedded prompts (`PromptEmbedding`).
     """
 
-    def __init__(self, sam: Any) -> None:
+    def __init__(self, sam: "Sam") -> None:
         super().__init__()
         decoder = sam.mask_decoder
         self.layers = decoder.transformer.layers
@@ -101,7 +105,7 @@ class MaskNetwork(nn.Module):
     where one permutation puts the pixels in order.
     """
 
-    def __init__(self, sam: Any) -> None:
+    def __init__(self, sam: "Sam") -> None:
         super().__init__()
         up = sam.mask_decoder.output_upscaling
         self.norm = nn.LayerNorm(up[1].weight.shape[0], eps=up[1].eps)
@@ -128,7 +132,7 @@ class PromptEmbedding:
     padding: NDArray[np.float32]  # (256,) what stands in for the missing box
 
     @staticmethod
-    def of(sam: Any) -> "PromptEmbedding":
+    def of(sam: "Sam") -> "PromptEmbedding":
         encoder = sam.prompt_encoder
         return PromptEmbedding(
             encoder.pe_layer.positional_encoding_gaussian_matrix.detach().cpu().numpy(),
@@ -154,7 +158,7 @@ def _as_linear(conv: nn.ConvTranspose2d) -> tuple[Tensor, Tensor]:
     return weight.reshape(weight.shape[0], -1).clone(), bias.detach().repeat(4).clone()
 
 
-def _position(sam: Any) -> Tensor:
+def _position(sam: "Sam") -> Tensor:
     dense: Tensor = sam.prompt_encoder.get_dense_pe()
     return dense[0].flatten(1).T.detach().clone()
 
@@ -165,7 +169,7 @@ def _heads(x: Tensor, heads: int) -> Tensor:
     return x.reshape(b, t, heads, c // heads).transpose(1, 2)
 
 
-def _token_to_shared_image(attention: Any, tokens: Tensor, k: Tensor, v: Tensor) -> Tensor:
+def _token_to_shared_image(attention: "Attention", tokens: Tensor, k: Tensor, v: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens that all prompts share, whose k and v were projected once."""
     query = _heads(attention.q_proj(tokens), attention.num_heads)
     weights = (query @ k * query.shape[-1] ** -0.5).softmax(-1)
@@ -173,7 +177,7 @@ def _token_to_shared_image(attention: Any, tokens: Tensor, k: Tensor, v: Tensor)
     return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
 
-def _token_to_image(attention: Any, tokens: Tensor, positioned: Tensor, image: Tensor) -> Tensor:
+def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, image: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens (B, N, C); the image's k and v projections are moved to the tokens.
 
     The bias of k adds the same to a row of scores, which softmax ignores; that of v comes out unchanged, as weights sum
@@ -191,7 +195,9 @@ def _token_to_image(attention: Any, tokens: Tensor, positioned: Tensor, image: T
     return attention.out_proj(out)
 
 
-def _token_side(attention: Any, key_tokens: Tensor, value_tokens: Tensor, fold: bool) -> tuple[Tensor, Tensor, Tensor]:
+def _token_side(
+    attention: "Attention", key_tokens: Tensor, value_tokens: Tensor, fold: bool
+) -> tuple[Tensor, Tensor, Tensor]:
     """What image tokens need to attend to tokens: score weights (B, C or 128, H T), score bias (B, 1, H T), values
     (B, H T, C) that carry the output projection. With `fold`, the image's q projection is in the weights too."""
     heads = attention.num_heads
@@ -211,7 +217,7 @@ def _token_side(attention: Any, key_tokens: Tensor, value_tokens: Tensor, fold: 
     return weights, bias, values
 
 
-def _attend_tokens(attention: Any, scores: Tensor, values: Tensor) -> Tensor:
+def _attend_tokens(attention: "Attention", scores: Tensor, values: Tensor) -> Tensor:
     """Image tokens gather from tokens: scores (B, N, H T) and values (B, H T, C) -> (B, N, C)."""
     b, n, columns = scores.shape
     heads = attention.num_heads

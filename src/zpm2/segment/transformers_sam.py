@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,12 @@ from zpm2.model.messages import Note
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, Sight
 from zpm2.segment.predictions import INSIDE
+
+if TYPE_CHECKING:
+    from torch import Tensor
+    from transformers import PreTrainedModel
+
+    Encoded = dict[str, Tensor | list[Tensor]]  # by the names of the model's arguments
 
 # of a file for video, what a single image does not need
 VIDEO = (
@@ -33,19 +39,20 @@ VIDEO = (
 )
 SHARED = ("shared_image_embedding.positional_embedding", "prompt_encoder.shared_embedding.positional_embedding")
 MIDDLE = (127.5, 127.5, 127.5)
+Number = int | list[int]  # of a network: one, or one for each of its stages
 
 
 @dataclass(frozen=True)
 class Family:
     """Networks that differ in their numbers only."""
 
-    build: Callable[..., Any]  # (side, **numbers) -> the library's model, with any weights
+    build: "Callable[..., PreTrainedModel]"  # (side, **numbers) -> the library's model, with any weights
     sight: Sight
     renamed: Mapping[str, str] = field(default_factory=dict)  # patterns of names in the file, and what they become here
     left_out: tuple[str, ...] = VIDEO  # patterns of names in the file that are not needed
 
 
-def _sam2(side: int, **hiera: Any) -> Any:
+def _sam2(side: int, **hiera: Number) -> "PreTrainedModel":
     """`configs/sam2.1` of the repository facebookresearch/sam2."""
     from transformers import Sam2Config, Sam2HieraDetConfig, Sam2Model, Sam2PromptEncoderConfig, Sam2VisionConfig
 
@@ -58,7 +65,7 @@ def _sam2(side: int, **hiera: Any) -> Any:
     return Sam2Model(Sam2Config(vision_config=vision, prompt_encoder_config=Sam2PromptEncoderConfig(image_size=side)))
 
 
-def _edgetam(side: int) -> Any:
+def _edgetam(side: int) -> "PreTrainedModel":
     """`sam2/configs/edgetam.yaml` of the repository facebookresearch/EdgeTAM. Its encoder is RepViT M1 of timm."""
     from transformers import EdgeTamConfig, EdgeTamModel, EdgeTamPromptEncoderConfig, EdgeTamVisionConfig
     from transformers import TimmWrapperConfig as Timm
@@ -70,7 +77,7 @@ def _edgetam(side: int) -> Any:
     return EdgeTamModel(EdgeTamConfig(vision_config=vision, prompt_encoder_config=prompts))
 
 
-def _sam_hq(side: int, **vit: Any) -> Any:
+def _sam_hq(side: int, **vit: Number) -> "PreTrainedModel":
     """`segment_anything/build_sam.py` of the repository SysCV/sam-hq."""
     from transformers import (
         SamHQConfig,
@@ -86,7 +93,7 @@ def _sam_hq(side: int, **vit: Any) -> Any:
     return SamHQModel(SamHQConfig(vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=decoder))
 
 
-def _sam3(side: int, **vit: Any) -> Any:
+def _sam3(side: int, **vit: Number) -> "PreTrainedModel":
     """The library's own numbers, which are those of the only SAM 3 (`sam3/model_builder.py`, facebookresearch/sam3)."""
     from transformers import Sam3TrackerConfig, Sam3TrackerModel, Sam3VisionConfig, Sam3ViTConfig
     from transformers.models.sam3_tracker.configuration_sam3_tracker import Sam3TrackerPromptEncoderConfig
@@ -115,7 +122,7 @@ SAM3 = Family(
     left_out=(*VIDEO, r"detector_model\."),
 )
 
-MODELS: dict[str, tuple[Family, dict[str, Any]]] = {
+MODELS: dict[str, tuple[Family, dict[str, Number]]] = {
     "sam2.1_tiny": (SAM2, {}),
     "sam2.1_small": (SAM2, {"blocks_per_stage": [1, 2, 11, 2], "global_attention_blocks": [7, 10, 13]}),
     "sam2.1_base_plus": (
@@ -196,14 +203,14 @@ class TransformersSam:
         load_strictly(model, path, family)
         self._model = model.eval().requires_grad_(False).to(self._device)
 
-    def encode(self, pixels: Array) -> dict[str, Any]:
+    def encode(self, pixels: Array) -> "Encoded":
         with self._torch.inference_mode():
             found = self._model.get_image_embeddings(self._to(pixels))
         if isinstance(found, tuple):  # SAM-HQ: and what its blocks with global attention gave
             return {"image_embeddings": found[0], "intermediate_embeddings": found[1]}
         return {"image_embeddings": found}
 
-    def decode(self, encoded: dict[str, Any], points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    def decode(self, encoded: "Encoded", points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
         centred = points - np.float32(0.5)  # the library counts from the centre of the first pixel
         inside = centred[:, labels == INSIDE]
         prompts = {"input_points": self._to(inside[None])}
@@ -214,7 +221,7 @@ class TransformersSam:
             found = self._model(**encoded, **prompts, multimask_output=True)
             return found.iou_scores[0].float().cpu().numpy(), found.pred_masks[0].float().cpu().numpy()
 
-    def _to(self, array: Array) -> Any:
+    def _to(self, array: Array) -> "Tensor":
         return self._torch.from_numpy(np.ascontiguousarray(array)).to(self._device)
 
 
@@ -229,7 +236,7 @@ def check_installed(name: str) -> None:
         raise MissingDependency(f"the segmenter {name} needs {' and '.join(missing)}: pip install 'zpm2[{extra}]'")
 
 
-def load_strictly(model: Any, path: Path, family: Family) -> None:
+def load_strictly(model: "PreTrainedModel", path: Path, family: Family) -> None:
     """Fill a network with the tensors of a file. `WeightsError`, one line, unless the file has all of them, no others
     but those that `family` leaves out, and each in its shape."""
     from safetensors import SafetensorError

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path, PureWindowsPath
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
 from zpm2.formats import coco, geojson, run_lengths
+from zpm2.formats.convert import Members
 from zpm2.formats.properties import plain, unprefixed
 from zpm2.model import Image, Mask
 from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size, counted, other_photograph
@@ -17,12 +17,12 @@ from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, c
 TAKEN = {"id", "image_id", "category_id", "segmentation", "bbox", "area"}
 
 
-def open_annotations(path: Path, data: dict[str, Any]) -> RegionReader:
+def open_annotations(path: Path, data: Members) -> RegionReader:
     """The regions of a parsed file with the list "annotations", whose entries are objects.
 
     `InputError` where none of them has a segmentation. Those without one are left out and counted.
     """
-    annotations: list[dict[str, Any]] = data["annotations"]
+    annotations: list[Members] = data["annotations"]
     if annotations and all(a.get("segmentation") is None for a in annotations):
         raise InputError(f"{path} has annotations without a segmentation: boxes and key points are no regions")
     info = data.get("info")
@@ -52,13 +52,13 @@ def open_annotations(path: Path, data: dict[str, Any]) -> RegionReader:
     return read
 
 
-def objects(values: Any) -> Iterator[dict[str, Any]]:
+def objects(values: object) -> Iterator[Members]:
     """The objects of a list; none of anything else."""
     return (value for value in values if isinstance(value, dict)) if isinstance(values, list) else iter(())
 
 
 def _region(
-    body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], names: dict[str, str], name: str
+    body: Mask | tuple[geojson.Rings, ...], annotation: Members, names: dict[str, str], name: str
 ) -> GivenRegion:
     scored = "score" if annotation.get("score") is not None else "predicted_iou"
     return GivenRegion(
@@ -71,7 +71,7 @@ def _region(
     )
 
 
-def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, Any], name: str) -> GivenRegion:
+def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: Members, name: str) -> GivenRegion:
     """One of a file that `zpm2 match` wrote: with the polygon's own id, and with what it was given with."""
     number = annotation.get("polygon_id")
     source_id, label = annotation.get("source_id"), annotation.get("label")
@@ -85,7 +85,7 @@ def _our_region(body: Mask | tuple[geojson.Rings, ...], annotation: dict[str, An
     )
 
 
-def _entry(path: Path, data: dict[str, Any], image: Image) -> dict[str, Any]:
+def _entry(path: Path, data: Members, image: Image) -> Members:
     """What the file says of the image: the only entry that it has (an empty one without any), else the one with the
     image's file name."""
     images = list(objects(data.get("images") or [data.get("image")]))
@@ -101,7 +101,7 @@ def _entry(path: Path, data: dict[str, Any], image: Image) -> dict[str, Any]:
     return images[0] if images else {}
 
 
-def _of_image(data: dict[str, Any], entry: dict[str, Any]) -> tuple[list[int], int]:
+def _of_image(data: Members, entry: Members) -> tuple[list[int], int]:
     """The rows of the annotations of the image of that entry, and how many are of no image that the file lists."""
     listed = {str(other["id"]) for other in objects(data.get("images")) if other.get("id") is not None}
     images = [annotation.get("image_id") for annotation in data["annotations"]]
@@ -113,7 +113,7 @@ def _of_image(data: dict[str, Any], entry: dict[str, Any]) -> tuple[list[int], i
     return rows, sum(name not in listed for name in names)
 
 
-def _segmentation(segmentation: Any, name: str, image: Image) -> Mask | tuple[geojson.Rings, ...]:
+def _segmentation(segmentation: object, name: str, image: Image) -> Mask | tuple[geojson.Rings, ...]:
     if isinstance(segmentation, dict):
         return _cropped(decode(segmentation, name, image))
     if not isinstance(segmentation, list) or not all(isinstance(p, list) and len(p) % 2 == 0 for p in segmentation):
@@ -123,7 +123,7 @@ def _segmentation(segmentation: Any, name: str, image: Image) -> Mask | tuple[ge
     return tuple([geojson.ring(list(zip(part[::2], part[1::2], strict=True)), name)] for part in segmentation)
 
 
-def decode(rle: dict[str, Any], name: str, image: Image) -> NDArray[np.bool_]:
+def decode(rle: Members, name: str, image: Image) -> NDArray[np.bool_]:
     """(h, w) pixels of COCO's run lengths, `InputError` for those of another image and for damaged ones."""
     size, counts = rle.get("size"), rle.get("counts")
     if not isinstance(size, list) or len(size) != 2 or not all(isinstance(v, int) for v in size):

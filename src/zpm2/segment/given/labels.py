@@ -2,7 +2,6 @@
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -17,7 +16,7 @@ from zpm2.photos import gdal, pictures
 from zpm2.photos.checks import MAX_PIXELS, check_length, check_memory, no_memory
 from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
-Values = NDArray[Any]
+Values = NDArray[np.generic]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
 CHUNK_PX = 4_000_000  # px that are numbered at a time
 BYTES_PER_PX = 16  # bytes a pixel: what is read, where there is no data, and the numbers
@@ -53,7 +52,7 @@ def open_labels(path: Path) -> RegionReader:
     if hidden is not None and hidden.any():
         values = np.where(hidden, 0, values)
         notes.append("pixels without data (nodata, mask or transparent) belong to no region")
-    if (values < 0).any():
+    if np.less(values, 0).any():
         raise InputError(f"{what} has values below 0: set them to 0, the background, or declare them as nodata")
 
     def read(image: Image) -> GivenRegions:

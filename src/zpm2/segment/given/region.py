@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import PureWindowsPath
-from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.formats import geojson
@@ -19,7 +18,7 @@ class GivenRegion:
     source_id: str | None = None  # the file's id as text
     score: float = 1.0
     label: str | None = None
-    properties: Mapping[str, Any] = field(default_factory=dict)  # whatever else the file says of it
+    properties: Mapping[str, object] = field(default_factory=dict)  # whatever else the file says of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ def check_size(name: str, size: tuple[int, int], image: Image) -> None:
         )
 
 
-def other_photograph(name: Any, image: Image) -> list[str]:
+def other_photograph(name: object, image: Image) -> list[str]:
     """The note that a file names another photograph; folder and suffix may differ. It is no error, as the photograph
     may have been renamed."""
     if not isinstance(name, str) or not name or image.path is None:

@@ -3,7 +3,6 @@
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from zpm2.errors import InputError
 from zpm2.files.reading import read_json
@@ -40,7 +39,7 @@ def open_regions(path: Path) -> RegionReader:
     raise InputError(f"{path} holds no regions that can be read: give {FORMATS}")
 
 
-def _json(path: Path) -> Any:
+def _json(path: Path) -> object:
     try:
         return read_json(path)
     except OSError as error:
