@@ -41,7 +41,7 @@ def test_what_is_missing_is_said_and_is_no_error(run: Run, tmp_path: Path, monke
     assert [row["name"] for row in listed(run) if row["here"]] == ["classical", "sift"]
     code, out, err = run("models", "superpoint", "--measure")
     assert (code, err) == (0, "")
-    assert "superpoint needs: zpm2 weights get superpoint --accept-licence" in out
+    assert "needs: zpm2 weights get superpoint --accept-licence" in out
 
 
 def test_data_sets_and_formats_on_request(run: Run) -> None:
