@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import sqlite3
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -235,6 +236,18 @@ def test_a_member_of_a_wrong_kind_is_an_input_error_or_harmless(tmp_path: Path, 
             found.to_dict()
             found.to_geojson()
     assert refused > 10
+
+
+def test_a_plug_in_that_a_result_names_is_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A result of somebody else is data."""
+    (tmp_path / "named_by_a_result.py").write_text("raise SystemExit('imported')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    named = {"segment": {"model": "named_by_a_result:A"}, "points": {"methods": ["named_by_a_result:A"]}}
+    dataclasses.replace(overlapping(), config=named).save(tmp_path / "theirs")
+    result = MatchResult.load(tmp_path / "theirs")
+    assert result.config == named
+    result.flatten()
+    assert "named_by_a_result" not in sys.modules
 
 
 def overlapping() -> MatchResult:
