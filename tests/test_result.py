@@ -18,6 +18,7 @@ from listener import listening
 from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
+from zpm2.config import recorded
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.model import ImagePolygons, PointMatches
 from zpm2.photos import reopen
@@ -246,7 +247,7 @@ def test_a_plug_in_that_a_result_names_is_not_imported(tmp_path: Path, monkeypat
     dataclasses.replace(overlapping(), config=named).save(tmp_path / "theirs")
     result = MatchResult.load(tmp_path / "theirs")
     assert result.config == named
-    result.flatten()
+    assert recorded(result.config).segment.model == "named_by_a_result:A"
     assert "named_by_a_result" not in sys.modules
 
 
