@@ -244,8 +244,7 @@ def test_a_plug_in_that_a_result_names_is_not_imported(tmp_path: Path, monkeypat
     (tmp_path / "named_by_a_result.py").write_text("raise SystemExit('imported')\n")
     monkeypatch.syspath_prepend(tmp_path)
     named = {"segment": {"model": "named_by_a_result:A"}, "points": {"methods": ["named_by_a_result:A"]}}
-    dataclasses.replace(overlapping(), config=named).save(tmp_path / "theirs")
-    result = MatchResult.load(tmp_path / "theirs")
+    result = load(json.loads(json.dumps({**build().to_dict(), "config": named})), tmp_path)
     assert result.config == named
     assert recorded(result.config).segment.model == "named_by_a_result:A"
     assert "named_by_a_result" not in sys.modules
