@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -330,4 +331,19 @@ def test_an_interrupt_just_after_the_temporary_folder_is_made(tmp_path, monkeypa
     monkeypatch.setattr(Path, "mkdir", interrupted)
     with pytest.raises(KeyboardInterrupt), temporary_folder(tmp_path):
         pytest.fail("the folder is not there")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_while_the_temporary_folder_is_removed(tmp_path, monkeypatch):
+    remove, calls = shutil.rmtree, []
+
+    def interrupted(path, **options):
+        calls.append(path)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        remove(path, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), temporary_folder(tmp_path) as part:
+        (part / "a").write_text("a")
     assert not list(tmp_path.iterdir())

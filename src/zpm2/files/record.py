@@ -156,7 +156,11 @@ def temporary_folder(folder: Path) -> Iterator[Path]:
         path.mkdir(mode=0o700)
         yield path
     finally:
-        _remove(path)
+        try:
+            _remove(path)
+        except KeyboardInterrupt:  # half-way
+            _remove(path)
+            raise
 
 
 def remove_scratch(folder: Path) -> None:
