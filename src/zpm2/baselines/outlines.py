@@ -1,5 +1,6 @@
 """Matching by outline alone: every left polygon against every right one, then the optimal assignment."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -13,7 +14,7 @@ from zpm2.model import Polygon
 from zpm2.runtime import StageTimer
 
 
-class OutlineMethod:
+class OutlineMethod(ABC):
     """What the shape methods share: `Method`, of a description of outlines and a comparison of two."""
 
     name: ClassVar[str]
@@ -21,13 +22,13 @@ class OutlineMethod:
     notes: ClassVar[tuple[str, ...]] = ()
     limit: float
 
+    @abstractmethod
     def describe(self, polygons: Sequence[Polygon]) -> Counts:
         """(p, n, b) histograms of each polygon's n samples."""
-        raise NotImplementedError
 
+    @abstractmethod
     def align(self, costs: Costs) -> Array:
         """(c,) distances 0..1 of c pairs from the (c, n, n) chi-square costs of their samples."""
-        raise NotImplementedError
 
     def match(self, pair: RegionPair, stage: StageTimer) -> Pairing:
         """The assignment with the least sum of distances; pairs as far apart as `limit` are left out."""

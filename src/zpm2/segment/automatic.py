@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
+from zpm2.model import Mask
 from zpm2.segment import suppression
 from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
@@ -55,6 +56,12 @@ def automatic_masks(
     rank = predictions.score.astype(np.float64)
     rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
     return without_duplicates(predictions, rank, config, view)
+
+
+def regions(view: PromptedView, config: SegmentConfig, progress: Callable[[float], None]) -> list[Mask]:
+    """The regions of a view at the image's resolution, best score first; those below `config.min_area` are left out."""
+    found = view.masks(automatic_masks(view, config, progress=progress))
+    return [mask for mask in found if mask.area >= config.min_area]
 
 
 def _predict_selected(

@@ -52,9 +52,7 @@ class ClassicalSegmenter:
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, highest contrast first."""
-        view = self.view(image)
-        found = view.masks(automatic.automatic_masks(view, self.config, progress=self.progress))
-        return [mask for mask in found if mask.area >= self.config.min_area]
+        return automatic.regions(self.view(image), self.config, self.progress)
 
 
 class TreeView(MaskView):

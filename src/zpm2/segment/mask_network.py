@@ -135,6 +135,4 @@ class NetworkSegmenter(Generic[Encoded]):
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, best score first."""
-        view = self.view(image)
-        found = view.masks(automatic.automatic_masks(view, self.config, progress=self.progress))
-        return [mask for mask in found if mask.area >= self.config.min_area]
+        return automatic.regions(self.view(image), self.config, self.progress)
