@@ -9,7 +9,7 @@ from typing import Literal
 from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
-from zpm2.features import METHODS, PointMatcher, check_methods
+from zpm2.features import METHODS, PointMatcher, check_methods, weights_notes
 from zpm2.global_match import InitialGeometry, initial_geometry, locate, points_with_data, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
@@ -66,7 +66,7 @@ class PairMatcher:
             check_methods(self.config.points)
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
-        self._points = points
+        self._points, self._points_given = points, points is not None
         self.lock = self._regions.lock
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
@@ -110,6 +110,7 @@ class PairMatcher:
             matches = lower_confidence(matches, config.local_match.confidence)
         sides = self._with_reasons(sides, matches, initial)
         messages = [*found.messages, *geometry_warnings(initial)]
+        messages += [] if self._points_given else weights_notes(config.points)
         messages += [*location_notes(problem.locations, config.global_match), *no_matches(matches)]
         warnings, notes = split(messages)
         return MatchResult(

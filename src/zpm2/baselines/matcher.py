@@ -15,7 +15,7 @@ from zpm2.baselines.shape_context import ShapeContext
 from zpm2.baselines.vote import Vote
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
-from zpm2.features import PointMatcher, check_methods
+from zpm2.features import PointMatcher, check_methods, weights_notes
 from zpm2.global_match import Candidates, initial_geometry, points_with_data
 from zpm2.guided.regions import RegionFinder, no_matches
 from zpm2.local_match.shared_points import lookup
@@ -63,7 +63,7 @@ class BaselineMatcher:
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
         self._encoder = Encoder(self.config, say, self._regions.download)
-        self._points = points
+        self._points, self._points_given = points, points is not None
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs and errors are those of `Matcher`. Large pairs are matched as a whole, too, with a
@@ -100,6 +100,8 @@ class BaselineMatcher:
         pairing = method.match(pair, timer)
         sides, matches = found.sides(_matches(pair, pairing), self.config.vectorize)
         messages = [*found.messages, *map(Note, method.notes), *self._encoder.notes, *no_matches(matches)]
+        if method.uses_points and not self._points_given:
+            messages += weights_notes(self.config.points)
         warnings, notes = split(messages)
         return MatchResult(
             left=sides[0],

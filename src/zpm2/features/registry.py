@@ -16,8 +16,9 @@ from zpm2.errors import ConfigError
 from zpm2.features.combined import CombinedMatcher
 from zpm2.features.protocol import PointMatcher
 from zpm2.features.rotated_retry import RotatedRetry
+from zpm2.model.messages import Note
 from zpm2.plugins import Maker, ModelInfo, Models
-from zpm2.weights import Progress
+from zpm2.weights import Progress, hash_note
 
 METHODS = Models(
     "point method",
@@ -64,6 +65,12 @@ def _trained_for(name: str) -> int:
 def check_methods(config: PointsConfig) -> None:
     """`ConfigError` for a name that is not in `METHODS`, and for options that do not exist."""
     METHODS.check(config.methods, config.options)
+
+
+def weights_notes(config: PointsConfig) -> list[str]:
+    """Notes for the user on weights of these methods whose hash zpm2 does not know."""
+    used = dict.fromkeys(name for method in config.methods for name in METHODS.get(method).info.weights)
+    return [Note(text) for text in map(hash_note, used) if text is not None]
 
 
 def _combined(config: PointsConfig, device: str, progress: Progress | None) -> CombinedMatcher:

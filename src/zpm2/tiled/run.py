@@ -13,7 +13,7 @@ import numpy as np
 
 from zpm2.config import Config
 from zpm2.errors import InputError
-from zpm2.features import PointMatcher
+from zpm2.features import PointMatcher, weights_notes
 from zpm2.files.photo_paths import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
@@ -145,6 +145,7 @@ class TiledRun:
             for side, source in zip(SIDES, self.sources, strict=True)
             for text in about(f"{side} image", source.notes)
         ]
+        notes += [] if self.points is not None else weights_notes(self.matcher.config.points)
         segmenters = self.matcher.segmenters()
         if all(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
             return notes

@@ -70,10 +70,11 @@ def locate(name: str, *, directory: str | Path | None = None) -> Path:
     return path
 
 
-def hash_note(name: str, path: Path) -> str | None:
-    """What to tell the user of a file whose hash the manifest does not know; None of all others."""
+def hash_note(name: str, path: Path | None = None) -> str | None:
+    """What to tell the user of a file whose hash the manifest does not know; None of all others. `path` is where it
+    lies, if the caller knows that; None too of a file that is not here."""
     item = entry(name)
-    if item.hash_known:
+    if item.hash_known or (path := path or find(item)) is None:
         return None
     known = pinned(item)
     if path.parent != cache_dir() or not known.hash_known:
