@@ -239,15 +239,8 @@ def check_installed(name: str) -> None:
 def load_strictly(model: "PreTrainedModel", path: Path, family: Family) -> None:
     """Fill a network with the tensors of a file. `WeightsError`, one line, unless the file has all of them, no others
     but those that `family` leaves out, and each in its shape."""
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
-    try:
-        stored = load_file(path)
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"{path} cannot be read as weights: {' '.join(str(error).split())}") from error
     state = {}
-    for name, tensor in stored.items():
+    for name, tensor in weights.load_tensors(path).items():
         for pattern, new in family.renamed.items():
             name = re.sub(pattern, new, name)
         if not any(re.match(pattern, name) for pattern in family.left_out):

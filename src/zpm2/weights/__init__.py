@@ -33,6 +33,7 @@ __all__ = [
     "hash_note",
     "load_into",
     "load_state_dict",
+    "load_tensors",
     "locate",
     "status",
     "verify",
@@ -108,7 +109,7 @@ def load_state_dict(
     path = get(name, directory=directory, progress=progress)
     mark_networks_loaded()
     if path.suffix == ".safetensors":
-        return _safe(path)
+        return load_tensors(path)
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError) as error:
@@ -122,8 +123,8 @@ def load_state_dict(
     return dict(state)
 
 
-def _safe(path: Path) -> "dict[str, Tensor]":
-    """The tensors of a file that was written by safetensors."""
+def load_tensors(path: Path) -> "dict[str, Tensor]":
+    """The tensors of a file that was written by safetensors. `WeightsError` for any other."""
     try:
         from safetensors import SafetensorError
         from safetensors.torch import load_file
@@ -131,7 +132,7 @@ def _safe(path: Path) -> "dict[str, Tensor]":
         raise MissingDependency(f'{path.name} needs safetensors: pip install "zpm2[hf]"') from error
     try:
         return dict(load_file(path))
-    except SafetensorError as error:
+    except (SafetensorError, OSError, ValueError) as error:
         raise _unreadable(path, error) from error
 
 
