@@ -14,7 +14,6 @@ from zpm2.global_match import InitialGeometry, initial_geometry, locate, points_
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
 from zpm2.local_match import MatchProblem, match_polygons
-from zpm2.local_match.confidence import lower_confidence
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import split
@@ -25,6 +24,7 @@ from zpm2.result import MatchResult
 from zpm2.runtime import Progress, StageTimer, resolve_device
 from zpm2.segment.protocol import Segmenter
 from zpm2.segment.registry import SEGMENTERS
+from zpm2.verify import judged, same_scene_matches, verified
 
 Sides = tuple[ImagePolygons, ImagePolygons]
 
@@ -105,13 +105,14 @@ class PairMatcher:
                 found = self._regions.redetect(found, matches, initial)
                 problem = self._locate(found, initial)
                 matches = match_polygons(problem, config.local_match)
+        with timer("verify"):
+            matches, rejected = judged(verified(problem, matches, matches, config.local_match), config.local_match)
+            matches = same_scene_matches(matches, initial.same_scene)
         sides, matches = found.sides(matches, config.vectorize)
-        if not initial.supported:
-            matches = lower_confidence(matches, config.local_match.confidence)
         sides = self._with_reasons(sides, matches, initial)
         messages = [*found.messages, *geometry_warnings(initial)]
         messages += [] if self._points_given else weights_notes(config.points)
-        messages += [*location_notes(problem.locations, config.global_match), *no_matches(matches)]
+        messages += [*location_notes(problem.locations, config.global_match), *rejected, *no_matches(matches)]
         warnings, notes = split(messages)
         return MatchResult(
             left=sides[0],
@@ -124,6 +125,7 @@ class PairMatcher:
             timings=timer.seconds,
             warnings=warnings,
             notes=notes,
+            same_scene=initial.same_scene,
         )
 
     def regions(self, image: Image, side: Literal["left", "right"] = "left") -> list[Polygon]:

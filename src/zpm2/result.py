@@ -54,6 +54,7 @@ class MatchResult:
     notes: Sequence[str] = ()  # what was done on the way
     version: str = field(default_factory=package_version, repr=False)
     non_overlapping: bool = False  # matched polygons share no pixel (see `flatten`)
+    same_scene: float | None = None  # 0..1, probability that both photographs show the same scene; None: not estimated
 
     __repr__ = brief
 
@@ -213,9 +214,9 @@ def _unfold(members: Members) -> Members:
 _LAYOUT = Layout(
     order=(
         *("schema", "version", "config", "timings", "left", "right", "points", "fundamental", "homography", "failed"),
-        *("non_overlapping", "matches", "warnings", "notes"),
+        *("same_scene", "non_overlapping", "matches", "warnings", "notes"),
     ),
-    optional=("non_overlapping",),
+    optional=("same_scene", "non_overlapping"),
     shapes={"fundamental": (3, 3), "homography": (3, 3)},
     fold=_fold,
     unfold=_unfold,

@@ -9,7 +9,7 @@ from planes import turn
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.global_match import InitialGeometry, initial_geometry
-from zpm2.global_match.chance import is_mirrored, log_chance
+from zpm2.global_match.chance import is_mirrored, log_chance, same_scene
 from zpm2.model import PointMatches
 
 CONFIG = GlobalConfig()
@@ -111,3 +111,14 @@ def test_a_mirrored_photograph(seed: int, angle: float, flat: bool) -> None:
 def test_points_on_a_line_have_no_side() -> None:
     left = np.c_[np.arange(50) * (LIMITS.independent_distance + 4), np.full(50, 100.0)]
     assert not is_mirrored(PointMatches(left, left + 5, np.ones(50)), np.ones(50, bool), LIMITS)
+
+
+def test_the_probability_of_one_scene_falls_from_one_to_that_of_no_evidence():
+    chances = np.r_[-2000.0, np.linspace(-40, 20, 121), 1000.0]
+    found = np.array([same_scene(float(chance), LIMITS) for chance in chances])
+    assert (np.diff(found) <= 0).all()
+    assert found[0] == 1
+    assert found[-1] == LIMITS.unsupported
+    assert same_scene(-LIMITS.significance, LIMITS) == pytest.approx((1 + LIMITS.unsupported) / 2)
+    assert same_scene(-27.9, LIMITS) > 0.999  # the least evidence that a pair of one scene had
+    assert same_scene(-3.3, LIMITS) < 0.05  # the most that one of two scenes had

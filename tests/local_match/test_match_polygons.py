@@ -10,11 +10,9 @@ from zpm2.config import PRESETS, Config, LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, locate, search_candidates
 from zpm2.local_match import MatchProblem, match_polygons, scoring
-from zpm2.local_match.confidence import confidence, lower_confidence
 from zpm2.model import PointMatches, PolygonArrays
 
 PAPER = PRESETS["paper"]
-WEIGHTS = PAPER.local_match.confidence
 NEAR, FAR = 40.0, 150.0  # px of disparity between the planes: within reach of the pyramid's window, and out of it
 
 
@@ -46,7 +44,6 @@ def test_every_polygon_finds_its_own(preset, disparity, seed):
     assert len({match.right for match in matches}) == len(matches)
     for match in matches:
         assert 0.5 < match.overlap <= 1
-        assert 0.5 < match.confidence <= 1
         assert 0 < match.cost < PRESETS[preset].local_match.iota
 
 
@@ -187,17 +184,6 @@ def test_evaluated_pairs_grow_with_the_polygons_not_with_their_square(monkeypatc
     assert shares[1] < 1.5 * shares[0]
 
 
-def test_confidence_is_a_share_that_grows_with_the_overlap():
-    overlap = np.linspace(0, 1, 11)
-    sure = confidence(overlap, np.full(11, 5), np.full(11, 0.4), np.full(11, 0.9), WEIGHTS)
-    assert (sure > 0).all()
-    assert (sure < 1).all()
-    assert (np.diff(sure) > 0).all()
-    assert confidence(np.ones(1), np.array([0]), np.array([-1.0]), np.ones(1), WEIGHTS) == pytest.approx(
-        confidence(np.ones(1), np.array([0]), np.array([0.0]), np.ones(1), WEIGHTS)
-    )
-
-
 @pytest.mark.parametrize("gamma", [1, 10**6])
 def test_both_branches_of_the_cost_alone_find_the_polygons(gamma):
     given = scene(NEAR, 6)
@@ -205,17 +191,3 @@ def test_both_branches_of_the_cost_alone_find_the_polygons(gamma):
     right = sum(given.truth.get(k) == v for k, v in pairs(matches).items())
     assert right > 0.9 * len(given.truth)
     assert LocalConfig().gamma != gamma
-
-
-def test_the_pair_as_a_whole_says_whether_it_shows_one_scene():
-    """A cell of a large photograph may have few points: its matches are as sure as their evidence is."""
-    given = scene(NEAR)
-    known = initial_geometry(given.points, PAPER.global_match, 0)
-    few = dataclasses.replace(known, points=known.points[:9], consistent=known.consistent[:9], planar=known.planar[:9])
-    assert not few.supported
-    matches = run(given, initial=few)
-    assert len(matches) > 40
-    assert max(match.confidence for match in matches) > 0.8
-    doubted = lower_confidence(matches, PAPER.local_match.confidence)
-    assert [(m.left, m.right) for m in doubted] == [(m.left, m.right) for m in matches]
-    assert max(match.confidence for match in doubted) <= 0.1

@@ -17,6 +17,18 @@ class ChanceConfig:
         unit="decades",
         source="measured on unrelated pairs",
     )
+    scene_width: float = number(
+        2.0,
+        "around `significance`, in which the probability of one scene rises by a factor of 10 in its odds",
+        unit="decades",
+        above=True,
+        source="measured: two scenes reach -3.3, one scene -27.9; each is far on its side (docs/confidence.md)",
+    )
+    unsupported: float = share(
+        0.03,
+        "probability of one scene where points agree no better than by chance",
+        source="measured: of 64 such pairs 1 shows one scene, hence (1 + 1) / (64 + 2)",
+    )
     independent_distance: float = number(
         16.0,
         "points closer in both images count once: they see the same texture",

@@ -41,22 +41,77 @@ class HomographyConfig:
 
 
 @dataclass(frozen=True)
-class ConfidenceConfig:
-    """The chance that a match is right: a logistic model of its evidence (`local_match.confidence`)."""
+class VerifyConfig:
+    """The evidence of a match that did not make it, and the judge who rejects matches by it (`verify`)."""
 
-    intercept: float = number(3.4, "subtracted", unit="log-odds", high=100, source=FITTED)
-    overlap: float = number(
-        3.4, "weight of the overlap (IoU) of the rectified polygons", unit="log-odds", high=100, source=FITTED
+    min_confidence: float = share(
+        0.4,
+        "under which the judge rejects a match",
+        source="measured, docs/confidence.md: above that, it would reject about as many right as wrong ones",
     )
-    points: float = number(0.46, "weight of log(1 + DSF)", unit="log-odds", high=100, source=FITTED)
-    texture: float = number(
-        3.0, "weight of the correlation R of their texture", unit="log-odds", high=100, source=FITTED
+    patch: int = number(
+        32,
+        "cells across a polygon, in which the insides are compared; as many around it",
+        low=8,
+        high=128,
+        source="as `local_match.patch`",
     )
-    area: float = number(1.8, "weight of the ratio of their areas", unit="log-odds", high=100, source=FITTED)
-    unsupported: float = share(
-        0.1,
-        "factor of all confidences where the points agree no better than by chance: two different scenes",
-        source="keeps their order, below what any match of one scene has",
+    light: int = number(
+        9,
+        "side of the window in which light and contrast are taken out, odd",
+        unit="cells",
+        low=3,
+        high=63,
+        odd=True,
+        source="a quarter of a polygon: shading is smoother, texture finer",
+    )
+    noise: float = number(1.0, "standard deviation there that is noise", unit="grey levels", source="8-bit rounding")
+    min_contrast: float = number(
+        0.05,
+        "standard deviation of an inside without light, under which it has no texture",
+        unit="of its window's",
+        source="a twentieth of what texture has",
+    )
+    min_cells: int = number(12, "that both polygons cover, under which the insides are not compared", low=1)
+    near: int = number(
+        2, "shift that still counts as in place", unit="cells", low=0, high=8, source="outlines are a px or two off"
+    )
+    rival: float = share(
+        0.98, "quantile of the other shifts that the place must beat", source="the best of all would be noise"
+    )
+    neighbors: int = number(8, "nearest matches whose motion is compared", low=1, high=1000, source="as nearest_points")
+    min_neighbors: int = number(5, "with fewer, the motion is not known", low=1, high=1000, source="half may be wrong")
+    max_motion: float = number(
+        0.5,
+        "distance from where the neighbours are taken, beyond which more says no more",
+        unit="sides of the polygon",
+        source="thin things in front move apart from what is behind them",
+    )
+    unknown_motion: float = number(
+        0.3, "that distance, where it is not known", unit="the same", source="between right and wrong ones"
+    )
+
+
+@dataclass(frozen=True)
+class ConfidenceConfig:
+    """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
+
+    intercept: float = number(3.4, "subtracted", unit="log-odds", low=-100, high=100, source=FITTED)
+    content: float = number(
+        3.0, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
+    )
+    texture: float = number(3.0, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
+    agreement: float = number(
+        3.0, "weight of the share of points in either polygon that are in both", high=100, source=FITTED
+    )
+    points: float = number(0.46, "weight of log(1 + points in both)", high=100, source=FITTED)
+    motion: float = number(
+        4.3, "weight against a match, of its distance from where its neighbours take it", high=100, source=FITTED
+    )
+    width: float = number(0.7, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
+    max_points: int = number(20, "beyond which more points say no more", low=1, source="few wrong matches have as many")
+    max_width: float = number(
+        20.0, "beyond which more width says no more", unit="px", above=True, source="an outline a px off costs 10 %"
     )
 
 
@@ -185,6 +240,10 @@ class LocalConfig:
         high=30,
         source="64 px of the image in one of the patch: polygons of 2000 px",
     )
+    judge: Literal["off", "on"] = option(
+        "off", "on: matches that are probably wrong are rejected", source="beyond the paper, docs/confidence.md"
+    )
+    verify: VerifyConfig = field(default_factory=VerifyConfig)
     homography: HomographyConfig = field(default_factory=HomographyConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     unmatched: UnmatchedConfig = field(default_factory=UnmatchedConfig)

@@ -15,7 +15,7 @@ PRESETS: dict[str, Config] = {
     "default": Config(
         segment=SegmentConfig(quality="fast"),
         points=PointsConfig(rotated_retry=True),
-        local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35),
+        local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35, judge="on"),
         guided=GuidedConfig(direction="both"),
         tiles=TilesConfig(mode="auto"),
         pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),

@@ -48,6 +48,16 @@ def log_chance(
     return float(tests + ways + (agreeing - sample) * np.log10(share))
 
 
+def same_scene(chance: float, config: ChanceConfig) -> float:
+    """The probability, 0..1, that both photographs show the same scene, from the `log_chance` of their geometry.
+
+    It falls as `chance` rises, from 1 to `config.unsupported`: where no geometry was found, the pair may just be too
+    hard. Half-way is `config.significance`.
+    """
+    odds = 10.0 ** float(np.clip((chance + config.significance) / config.scene_width, -300, 300))
+    return config.unsupported + (1 - config.unsupported) / (1 + odds)
+
+
 def is_mirrored(points: PointMatches, agree: NDArray[np.bool_], config: ChanceConfig) -> bool:
     """Whether one image shows the scene turned over around most of the points that `agree` (n,), as no camera sees it.
 

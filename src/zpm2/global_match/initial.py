@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from zpm2 import geometry
 from zpm2.config import ChanceConfig, GlobalConfig
 from zpm2.errors import Failed
-from zpm2.global_match.chance import is_mirrored, log_chance
+from zpm2.global_match.chance import is_mirrored, log_chance, same_scene
 from zpm2.model import Image, PointMatches
 
 
@@ -68,6 +68,11 @@ class InitialGeometry:
     def supported(self) -> bool:
         """Whether the points agree better than by chance, so that both photographs show the same scene."""
         return self.chance <= -self.limits.significance
+
+    @property
+    def same_scene(self) -> float:
+        """0..1, the probability that both photographs show the same scene."""
+        return same_scene(self.chance, self.limits)
 
     @cached_property
     def mirrored(self) -> bool:

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates
 from zpm2.local_match import assignment
-from zpm2.local_match.confidence import confidence
 from zpm2.local_match.problem import MatchProblem
 from zpm2.local_match.scoring import CandidateScorer, CandidateScores
 from zpm2.model import PolygonMatch, Stage
@@ -24,7 +23,8 @@ def match_polygons(problem: MatchProblem, config: LocalConfig) -> list[PolygonMa
     polygons that are still unmatched: pairs that share homologous points, and pairs whose right polygon lies where the
     left one would be if it moved like its matched neighbours ("local", 3.4: re-matching of what the global stage could
     not resolve). With a `guided_prior`, right polygons that touch a warped left one are also candidates of the first
-    round. A match with a polygon that was found by prompting is "guided".
+    round. A match with a polygon that was found by prompting is "guided". `confidence` is 0 until `verify` has seen
+    the matches.
     """
     matches = []
     for scorer, scores, chosen, stage in _rounds(problem, config):
@@ -109,16 +109,13 @@ def _as_matches(
     if len(rows) == 0:
         return []
     i, j = scores.pairs.left[rows], scores.pairs.right[rows]
-    chance = confidence(
-        scores.overlap[rows], scores.dsf[rows], scores.texture[rows], scores.area[rows], scorer.config.confidence
-    )
     nodes, prior = scorer.nodes(scores, rows), scorer.guided_prior
     guided = np.zeros(len(rows), bool) if prior is None else prior.is_guided(scores.pairs[rows])
     return [
         PolygonMatch(
             left=int(scorer.left.ids[i[k]]),
             right=int(scorer.right.ids[j[k]]),
-            confidence=float(chance[k]),
+            confidence=0.0,
             cost=float(scores.cost[row]),
             dsf=int(scores.dsf[row]),
             stage="guided" if guided[k] else stage,

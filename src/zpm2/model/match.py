@@ -19,7 +19,7 @@ class PolygonMatch:
 
     left: int  # id
     right: int  # id
-    confidence: float  # 0..1, chance that the two overlap by more than half (see `local_match.confidence`)
+    confidence: float  # 0..1, chance that the two overlap by more than half (see `verify`); 0: not verified
     cost: float  # zeta of Eq. (cost), > 0
     dsf: int  # chi: homologous points inside both polygons
     stage: Stage  # which stage brought the pair in

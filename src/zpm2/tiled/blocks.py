@@ -27,6 +27,7 @@ from zpm2.polygons.warp import WarpedPolygons
 from zpm2.tiled import windows
 from zpm2.tiled.cells import Cell, uncertainty
 from zpm2.tiled.view import TileView, read_view, reduced_size
+from zpm2.verify import verified
 
 Array = NDArray[np.float64]
 
@@ -156,7 +157,8 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
     locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
     problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)
-    return possible_matches(problem, config.local_match)
+    possible = possible_matches(problem, config.local_match)
+    return verified(problem, possible, one_to_one(possible, config.local_match), config.local_match)
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:

@@ -18,7 +18,6 @@ from zpm2.files.photo_paths import absolute
 from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED
 from zpm2.guided.regions import no_matches
-from zpm2.local_match.confidence import lower_confidence
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
@@ -35,6 +34,7 @@ from zpm2.tiled.join import given_regions, join_points, join_regions
 from zpm2.tiled.stitch import StitchedRegions
 from zpm2.tiled.tile import SIDES, Tile, TileCache, key
 from zpm2.tiled.tile_matcher import TileMatcher, weights_only
+from zpm2.verify import judged, same_scene_matches
 
 # stages of the configuration that affect the content of a tile
 STAGES = ("segment", "vectorize", "points", "global_match", "local_match", "guided", "raster", "tiles", "seed")
@@ -76,9 +76,11 @@ class TiledRun:
             warped = warped_by_cells(polygons[0], forth, local), warped_by_cells(polygons[1], back, local)
             pair = LargePair(self.sources, polygons, (stitched[0].guided, stitched[1].guided))
             matches = match_blocks(pair, forth, warped[0], used, lambda share: progress("match", share))
+            matches, rejected = judged(matches, local)
+            self.messages += rejected
             some = points[np.arange(0, len(points), len(points) // used.tiles.max_points + 1)]
             initial = initial_geometry(some, used.global_match, used.seed)
-            matches = matches if initial.supported else lower_confidence(matches, used.local_match.confidence)
+            matches = same_scene_matches(matches, initial.same_scene)
         with timer("explain"):
             overviews = [reduced(source, used.tiles.overview) for source in self.sources]
             sides = [
@@ -105,6 +107,7 @@ class TiledRun:
             timings=timer.seconds,
             warnings=warnings,
             notes=notes,
+            same_scene=initial.same_scene,
         )
 
     def _cache(self) -> TileCache:

@@ -1,0 +1,121 @@
+"""The evidence of a match that did not make it.
+
+Candidates are found by where a polygon should be, and assigned by the overlap of outlines, the number of points in both
+and a resampled patch. None of these is asked again as it was. Instead: the insides, rectified by the outlines alone
+(`content`); the points that lie in only one of both polygons; and how the neighbours moved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from zpm2 import geometry
+from zpm2.config import LocalConfig, VerifyConfig
+from zpm2.global_match import Candidates
+from zpm2.local_match import MatchProblem, texture
+from zpm2.local_match.shared_points import lookup, shared_points
+from zpm2.model import PolygonArrays
+from zpm2.polygons.transform import transform_polygons
+from zpm2.polygons.warp import warp_by_points
+from zpm2.verify import content
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known about k matches."""
+
+    content: Array  # (k,) -2..2, how much better the insides correlate in place than shifted (`content.peaks`)
+    texture: Array  # (k,) 0..1, correlation of the insides, each stretched to the same frame (R of the paper)
+    agreement: Array  # (k,) 0..1, share of the points in either polygon that are in both
+    points: NDArray[np.int64]  # (k,) homologous points in both
+    motion: Array  # (k,) 0.., how far the polygon is from where its neighbours' motion takes it, in its own sides
+    width: Array  # (k,) px, 2 area / perimeter of the narrower polygon: an outline that is a px off costs it more
+
+
+def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config: LocalConfig) -> Evidence:
+    """The evidence of the matches `pairs` (rows of the polygons). `others` are the matches whose motion is compared
+    with theirs; a match is not compared with itself."""
+    left, right = (
+        PolygonArrays([side.polygons[row] for row in rows])
+        for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)
+    )
+    points, agreement = _points(problem, left, right)
+    linear = problem.locations.prior.linear[pairs.left]
+    linear = np.where(_usable(linear)[:, None, None], linear, np.eye(2))
+    in_place, stretched = _compared(problem, left, right, linear, config)
+    moved = motion(problem, pairs, others, linear, config.verify)
+    width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
+    return Evidence(in_place, stretched, agreement, points, moved, width)
+
+
+def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear: Array, config: VerifyConfig) -> Array:
+    """(k,) distance between each right polygon and where its neighbours take it, in sides sqrt(area) of that polygon.
+
+    A neighbour takes it there by its own motion and the `linear` part (k, 2, 2) of the pair's geometry; of the
+    `config.neighbors` nearest matches the median counts. At most `config.max_motion`: thin things in front do move
+    apart from what is behind them. `config.unknown_motion` with fewer than `config.min_neighbors`.
+    """
+    result = np.full(len(pairs), config.unknown_motion)
+    if len(others) <= config.min_neighbors or not len(pairs):
+        return result
+    left, right = problem.polygons
+    here, there = left.centers[pairs.left], right.centers[pairs.right]
+    other_here, other_there = left.centers[others.left], right.centers[others.right]
+    _, near = cKDTree(other_here).query(here, k=min(config.neighbors + 1, len(others)))
+    own = (others.left[near] == pairs.left[:, None]) | (others.right[near] == pairs.right[:, None])
+    own[~own.any(1), -1] = True  # as many neighbours for all
+    taken = other_there[near] - np.einsum("kij,knj->kni", linear, other_here[near] - here[:, None])
+    expected = np.nanmedian(np.where(own[:, :, None], np.nan, taken), axis=1)
+    off = np.linalg.norm(there - expected, axis=1) / np.sqrt(right.areas[pairs.right])
+    return np.asarray(np.minimum(off, config.max_motion))
+
+
+def _points(problem: MatchProblem, left: PolygonArrays, right: PolygonArrays) -> tuple[NDArray[np.int64], Array]:
+    """(k,) points in both polygons of each match, and (k,) their share of those in either. One point in both and one in
+    only one are added (Laplace's rule of succession), so that few points have little weight."""
+    each = np.arange(len(left))
+    shared = shared_points(problem.initial.forward()[0], left, right)
+    at = lookup(np.arange(len(shared.pairs)), shared.pairs, Candidates(each, each))
+    both = np.where(at >= 0, shared.counts[np.maximum(at, 0)] if len(shared.pairs) else 0, 0)
+    return both, (both + 1) / (shared.inside[0] + shared.inside[1] - both + 2)
+
+
+def _compared(
+    problem: MatchProblem, left: PolygonArrays, right: PolygonArrays, linear: Array, config: LocalConfig
+) -> tuple[Array, Array]:
+    """(k,) content and (k,) texture."""
+    each = np.arange(len(left))
+    warped = warp_by_points(left, *problem.initial.forward(), config)
+    own = geometry.linearised(warped.maps, left.centers)[1]
+    own = np.where(_usable(own)[:, None, None], own, linear)  # of the points in and around each polygon
+    maps = _onto(left, right, own)
+    moved = transform_polygons(left, each, maps)
+    in_place = content.peaks(problem.images, moved, right.shapes, maps, config.verify, config.max_halvings)
+    maps = _onto(left, right, linear)
+    frames, sampling = transform_polygons(left, each, maps), (config.patch, config.max_halvings)
+    patches = (
+        texture.TexturePatches(problem.images[0], frames, np.linalg.inv(maps).astype(np.float64), *sampling),
+        texture.TexturePatches(problem.images[1], right.shapes, np.broadcast_to(np.eye(3), maps.shape), *sampling),
+    )
+    return in_place, np.maximum(texture.correlation(patches, Candidates(each, each), config.min_contrast), 0.0)
+
+
+def _onto(left: PolygonArrays, right: PolygonArrays, linear: Array) -> Array:
+    """(k, 3, 3) affine maps, `linear` up to scale, that bring each left polygon onto its partner: same centroid, same
+    area."""
+    scale = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
+    maps = np.zeros((len(left), 3, 3))
+    maps[:, :2, :2], maps[:, 2, 2] = scale[:, None, None] * linear, 1.0
+    maps[:, :2, 2] = right.centers - np.einsum("kij,kj->ki", maps[:, :2, :2], left.centers)
+    return maps
+
+
+def _usable(linear: Array) -> NDArray[np.bool_]:
+    """(k,) whether a (2, 2) map is known and has an inverse."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(linear).all((1, 2)))
+    return np.asarray(known & (np.abs(np.linalg.det(np.where(known[:, None, None], linear, 0.0))) > 1e-4))
