@@ -38,13 +38,13 @@ def scene(disparity=40.0, seed=0, per_cell=14, wrong=0.15, jitter=0.4, noise=2.0
     texture = 128 + 40 * texture / texture.std()
     x0, y0, x1, y1 = (CELL * side for side in FRONT)
     hidden = shapely.Polygon(geometry.project(maps[1], np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)))
-    right = _warp(texture, maps[0])
+    right = warp(texture, maps[0])
     in_front = np.zeros(texture.shape, np.float32)
     in_front[y0:y1, x0:x1] = 1
-    right = np.where(_warp(in_front, maps[1]) > 0.5, _warp(texture, maps[1]), right)
+    right = np.where(warp(in_front, maps[1]) > 0.5, warp(texture, maps[1]), right)
     images = (
-        _image(texture + rng.normal(0, noise, texture.shape)),
-        _image(0.8 * right + 25 + rng.normal(0, noise, texture.shape)),
+        image(texture + rng.normal(0, noise, texture.shape)),
+        image(0.8 * right + 25 + rng.normal(0, noise, texture.shape)),
     )
 
     left_polygons, moved, front = [], {}, set()
@@ -74,11 +74,11 @@ def scene(disparity=40.0, seed=0, per_cell=14, wrong=0.15, jitter=0.4, noise=2.0
     return Scene(images, (PolygonArrays(left_polygons), PolygonArrays(right_polygons)), points, ids, front)
 
 
-def _warp(gray, matrix):
+def warp(gray, matrix):
     return cv2.warpPerspective(
         gray, CORNER @ matrix @ np.linalg.inv(CORNER), SIZE, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
     )
 
 
-def _image(gray):
+def image(gray):
     return Image(np.repeat(np.clip(np.round(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=2))

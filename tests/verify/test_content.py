@@ -75,21 +75,21 @@ def test_light_does_not_count(gain, offset, slope):
     if gain > 0:
         assert peak(texture, lit) == pytest.approx(peak(texture, texture), abs=0.12)
     else:
-        assert peak(texture, lit) < 0  # a negative of a photograph does not look alike
+        assert peak(texture, lit) < 0.1  # a negative of a photograph does not look alike
 
 
 def test_what_moved_behind_an_outline_counts_against_it():
     """Two outlines of a gap in a fence agree; what is seen through it is elsewhere."""
     texture = textured(3)
     for shift in (8, 14, -10):
-        assert peak(texture, np.roll(texture, shift, axis=1)) < -0.3
+        assert peak(texture, np.roll(texture, shift, axis=1)) < 0.15 < peak(texture, texture) - 0.4
 
 
-def test_repeated_texture_is_no_evidence():
-    tile = textured(4)[:, :15]
-    repeated = np.tile(tile, (1, 20))
-    assert peak(repeated, repeated) < 0.3
-    assert peak(textured(4), textured(4)) > 0.6
+def test_repeated_texture_is_little_evidence():
+    stripes = np.tile(128 + 60 * np.sin(np.arange(300) * 2 * np.pi / 12), (200, 1))
+    assert abs(peak(stripes, stripes)) < 0.05
+    bricks = np.tile(textured(4)[:12, :12], (17, 25))[:200, :300]
+    assert peak(bricks, bricks) < peak(textured(4), textured(4)) - 0.2
 
 
 @pytest.mark.parametrize("ring", [square(120, 60, 123, 63), square(-40, 60, -10, 90), square(290, 190, 340, 260)])

@@ -45,9 +45,7 @@ class VerifyConfig:
     """The evidence of a match that did not make it, and the judge who rejects matches by it (`verify`)."""
 
     min_confidence: float = share(
-        0.4,
-        "under which the judge rejects a match",
-        source="measured, docs/confidence.md: above that, it would reject about as many right as wrong ones",
+        0.5, "under which the judge rejects a match", source="it is wrong more often than right (docs/confidence.md)"
     )
     patch: int = number(
         32,
@@ -96,20 +94,18 @@ class VerifyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
 
-    intercept: float = number(3.4, "subtracted", unit="log-odds", low=-100, high=100, source=FITTED)
+    intercept: float = number(-0.28, "subtracted", unit="log-odds", low=-100, high=100, source=FITTED)
     content: float = number(
-        3.0, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
+        2.93, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
     )
-    texture: float = number(3.0, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
+    texture: float = number(1.53, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
     agreement: float = number(
-        3.0, "weight of the share of points in either polygon that are in both", high=100, source=FITTED
+        4.63, "weight of the share of points in either polygon that are in both", high=100, source=FITTED
     )
-    points: float = number(0.46, "weight of log(1 + points in both)", high=100, source=FITTED)
     motion: float = number(
-        4.3, "weight against a match, of its distance from where its neighbours take it", high=100, source=FITTED
+        4.0, "weight against a match, of its distance from where its neighbours take it", high=100, source=FITTED
     )
-    width: float = number(0.7, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
-    max_points: int = number(20, "beyond which more points say no more", low=1, source="few wrong matches have as many")
+    width: float = number(0.82, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
     max_width: float = number(
         20.0, "beyond which more width says no more", unit="px", above=True, source="an outline a px off costs 10 %"
     )

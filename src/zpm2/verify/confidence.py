@@ -7,7 +7,7 @@ from zpm2.config import ConfidenceConfig
 from zpm2.verify.evidence import Evidence
 
 Array = NDArray[np.float64]
-FEATURES = ("content", "texture", "agreement", "points", "motion", "width")  # and fields of `ConfidenceConfig`
+FEATURES = ("content", "texture", "agreement", "motion", "width")  # and fields of `ConfidenceConfig`
 
 
 def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
@@ -22,7 +22,6 @@ def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
 
 
 def features(evidence: Evidence, config: ConfidenceConfig) -> Array:
-    """(k, 6) what the weights of the fields `FEATURES` multiply; the more, the better."""
-    points = np.log1p(np.minimum(evidence.points, config.max_points))
+    """(k, 5) what the weights of the fields `FEATURES` multiply; the more, the better."""
     width = np.log(np.clip(evidence.width / config.max_width, 0.05, 1.0))
-    return np.stack([evidence.content, evidence.texture, evidence.agreement, points, -evidence.motion, width], axis=1)
+    return np.stack([evidence.content, evidence.texture, evidence.agreement, -evidence.motion, width], axis=1)

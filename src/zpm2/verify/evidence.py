@@ -32,7 +32,6 @@ class Evidence:
     content: Array  # (k,) -2..2, how much better the insides correlate in place than shifted (`content.peaks`)
     texture: Array  # (k,) 0..1, correlation of the insides, each stretched to the same frame (R of the paper)
     agreement: Array  # (k,) 0..1, share of the points in either polygon that are in both
-    points: NDArray[np.int64]  # (k,) homologous points in both
     motion: Array  # (k,) 0.., how far the polygon is from where its neighbours' motion takes it, in its own sides
     width: Array  # (k,) px, 2 area / perimeter of the narrower polygon: an outline that is a px off costs it more
 
@@ -44,13 +43,12 @@ def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config:
         PolygonArrays([side.polygons[row] for row in rows])
         for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)
     )
-    points, agreement = _points(problem, left, right)
     linear = problem.locations.prior.linear[pairs.left]
     linear = np.where(_usable(linear)[:, None, None], linear, np.eye(2))
     in_place, stretched = _compared(problem, left, right, linear, config)
     moved = motion(problem, pairs, others, linear, config.verify)
     width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
-    return Evidence(in_place, stretched, agreement, points, moved, width)
+    return Evidence(in_place, stretched, _agreement(problem, left, right), moved, width)
 
 
 def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear: Array, config: VerifyConfig) -> Array:
@@ -75,14 +73,14 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
     return np.asarray(np.minimum(off, config.max_motion))
 
 
-def _points(problem: MatchProblem, left: PolygonArrays, right: PolygonArrays) -> tuple[NDArray[np.int64], Array]:
-    """(k,) points in both polygons of each match, and (k,) their share of those in either. One point in both and one in
-    only one are added (Laplace's rule of succession), so that few points have little weight."""
+def _agreement(problem: MatchProblem, left: PolygonArrays, right: PolygonArrays) -> Array:
+    """(k,) share of the points in either polygon that are in both. One point in both and one in only one are added
+    (Laplace's rule of succession), so that few points have little weight."""
     each = np.arange(len(left))
     shared = shared_points(problem.initial.forward()[0], left, right)
     at = lookup(np.arange(len(shared.pairs)), shared.pairs, Candidates(each, each))
     both = np.where(at >= 0, shared.counts[np.maximum(at, 0)] if len(shared.pairs) else 0, 0)
-    return both, (both + 1) / (shared.inside[0] + shared.inside[1] - both + 2)
+    return np.asarray((both + 1) / (shared.inside[0] + shared.inside[1] - both + 2))
 
 
 def _compared(
