@@ -94,7 +94,7 @@ class VerifyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
 
-    intercept: float = number(-0.28, "subtracted", unit="log-odds", low=-100, high=100, source=FITTED)
+    intercept: float = number(2.18, "subtracted", unit="log-odds", high=100, source=FITTED)
     content: float = number(
         2.93, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
     )
@@ -107,7 +107,7 @@ class ConfidenceConfig:
     )
     width: float = number(0.82, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
     max_width: float = number(
-        20.0, "beyond which more width says no more", unit="px", above=True, source="an outline a px off costs 10 %"
+        20.0, "beyond which more width says no more", unit="px", low=1.0, source="an outline a px off costs 10 %"
     )
 
 

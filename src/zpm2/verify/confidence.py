@@ -23,5 +23,5 @@ def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
 
 def features(evidence: Evidence, config: ConfidenceConfig) -> Array:
     """(k, 5) what the weights of the fields `FEATURES` multiply; the more, the better."""
-    width = np.log(np.clip(evidence.width / config.max_width, 0.05, 1.0))
+    width = np.log(np.clip(evidence.width, 1.0, config.max_width))
     return np.stack([evidence.content, evidence.texture, evidence.agreement, -evidence.motion, width], axis=1)
