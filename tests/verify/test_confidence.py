@@ -11,10 +11,10 @@ CONFIG = ConfidenceConfig()
 FOR = {  # evidence that can only help: its range
     "content": st.floats(-2, 2),
     "texture": st.floats(0, 1),
-    "agreement": st.floats(0, 1),
+    "agreement": st.floats(1e-4, 1 - 1e-4),
     "width": st.floats(0, 500),
 }
-AGAINST = {"motion": st.floats(0, 0.5)}
+AGAINST = {"motion": st.floats(0, 5)}
 
 
 def chance(**values):

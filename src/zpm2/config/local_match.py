@@ -79,14 +79,11 @@ class VerifyConfig:
     )
     neighbors: int = number(8, "nearest matches whose motion is compared", low=1, high=1000, source="as nearest_points")
     min_neighbors: int = number(5, "with fewer, the motion is not known", low=1, high=1000, source="half may be wrong")
-    max_motion: float = number(
-        0.5,
-        "distance from where the neighbours are taken, beyond which more says no more",
-        unit="sides of the polygon",
-        source="thin things in front move apart from what is behind them",
-    )
     unknown_motion: float = number(
-        0.3, "that distance, where it is not known", unit="the same", source="between right and wrong ones"
+        0.3,
+        "distance from where the neighbours are taken, where it is not known",
+        unit="sides of the polygon",
+        source="between those of right and of wrong ones",
     )
 
 
@@ -94,18 +91,24 @@ class VerifyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
 
-    intercept: float = number(2.18, "subtracted", unit="log-odds", high=100, source=FITTED)
+    intercept: float = number(1.78, "subtracted", unit="log-odds", high=100, source=FITTED)
     content: float = number(
-        2.93, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
+        2.94, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
     )
-    texture: float = number(1.53, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
+    texture: float = number(1.51, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
     agreement: float = number(
-        4.63, "weight of the share of points in either polygon that are in both", high=100, source=FITTED
+        0.99, "weight of the log-odds that a point in either polygon is in both", high=100, source=FITTED
     )
     motion: float = number(
-        4.0, "weight against a match, of its distance from where its neighbours take it", high=100, source=FITTED
+        4.0, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
     )
-    width: float = number(0.82, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
+    width: float = number(0.79, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
+    max_motion: float = number(
+        0.5,
+        "beyond which more distance from there says no more",
+        unit="sides of the polygon",
+        source="thin things in front move apart from what is behind them",
+    )
     max_width: float = number(
         20.0, "beyond which more width says no more", unit="px", low=1.0, source="an outline a px off costs 10 %"
     )

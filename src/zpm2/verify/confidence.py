@@ -23,5 +23,7 @@ def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
 
 def features(evidence: Evidence, config: ConfidenceConfig) -> Array:
     """(k, 5) what the weights of the fields `FEATURES` multiply; the more, the better."""
+    agreement = np.log(evidence.agreement) - np.log1p(-evidence.agreement)
+    still = config.max_motion - np.minimum(evidence.motion, config.max_motion)
     width = np.log(np.clip(evidence.width, 1.0, config.max_width))
-    return np.stack([evidence.content, evidence.texture, evidence.agreement, -evidence.motion, width], axis=1)
+    return np.stack([evidence.content, evidence.texture, agreement, still, width], axis=1)

@@ -55,8 +55,8 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
     """(k,) distance between each right polygon and where its neighbours take it, in sides sqrt(area) of that polygon.
 
     A neighbour takes it there by its own motion and the `linear` part (k, 2, 2) of the pair's geometry; of the
-    `config.neighbors` nearest matches the median counts. At most `config.max_motion`: thin things in front do move
-    apart from what is behind them. `config.unknown_motion` with fewer than `config.min_neighbors`.
+    `config.neighbors` nearest matches the median counts. `config.unknown_motion` with fewer than
+    `config.min_neighbors`.
     """
     result = np.full(len(pairs), config.unknown_motion)
     if len(others) <= config.min_neighbors or not len(pairs):
@@ -69,8 +69,7 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
     own[~own.any(1), -1] = True  # as many neighbours for all
     taken = other_there[near] - np.einsum("kij,knj->kni", linear, other_here[near] - here[:, None])
     expected = np.nanmedian(np.where(own[:, :, None], np.nan, taken), axis=1)
-    off = np.linalg.norm(there - expected, axis=1) / np.sqrt(right.areas[pairs.right])
-    return np.asarray(np.minimum(off, config.max_motion))
+    return np.asarray(np.linalg.norm(there - expected, axis=1) / np.sqrt(right.areas[pairs.right]))
 
 
 def _agreement(problem: MatchProblem, left: PolygonArrays, right: PolygonArrays) -> Array:
