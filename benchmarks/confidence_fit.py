@@ -145,11 +145,12 @@ def report(rows: Rows, share: float) -> None:
     level = np.stack([rows["kind"] == kind for kind in ["reported", *kinds]], axis=1).astype(float)
     shown = rows["kind"] == "reported"
     weight = np.where(shown, 1.0, share) * rows["clear"]
-    says, folds = np.zeros(len(right)), {}
+    says, run_says, folds = np.zeros(len(right)), np.zeros(len(right)), {}
     for name in np.unique(sets):
         train = sets != name
         weights, levels = fit(x[train], level[train], right[train], weight[train])
         says[~train] = chance(x[~train] @ weights + level[~train] @ levels)
+        run_says[~train] = chance(x[~train] @ weights + levels[0])  # a run does not know of kinds
         folds[str(name)] = dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True))
     weights, levels = fit(x, level, right, weight)
     fitted = {"intercept": round(-float(levels[0]), 2)} | dict(
@@ -165,6 +166,7 @@ def report(rows: Rows, share: float) -> None:
             for a, b in itertools.pairwise(SIZES)
         ],
     }
+    tables["kinds"] = [line(str(kind), run_says, right, rows["kind"] == kind) for kind in ["reported", *kinds]]
     for name, lines in tables.items():
         print(f"\n| {name} | matches | says | is | error |\n| --- | ---: | ---: | ---: | ---: |", file=sys.stderr)
         for each in lines:
