@@ -210,7 +210,7 @@ def test_progress_is_monotone_and_complete(pair: Pair, monkeypatch: pytest.Monke
         shares = defaultdict(list)
         for stage, share in told:
             shares[stage].append(share)
-        assert list(shares) == list(found.timings) == ["read", "load", "points", "detect", "global", "local"]
+        assert list(shares) == list(found.timings) == ["read", "load", "points", "detect", "global", "local", "verify"]
         for values in shares.values():
             assert values == sorted(values)
             assert (values[0], values[-1]) == (0, 1)

@@ -215,7 +215,7 @@ def changed(place: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
 def test_a_missing_member_is_named(tmp_path: Path) -> None:
     members = [p for p in places(build().to_dict()) if isinstance(p[-1], str) and p[0] not in ("config", "timings")]
     optional = {"label", "area", "nodes", "overlap", "non_overlapping", "outline", "crs", "transform", "gsd", "rpc"}
-    optional |= {"failed", "source_id", "properties", "notes"}
+    optional |= {"failed", "source_id", "properties", "notes", "same_scene"}
     missed = [p for p in members if not optional & set(p) and not (p[0] == "matches" and p[-1] == "id")]
     assert len(missed) > 40
     for place in missed:

@@ -45,6 +45,7 @@ def everything(folder: Path) -> MatchResult:
         notes=["done"],
         version="0.0.1",
         non_overlapping=True,
+        same_scene=0.75,
     )
 
 

@@ -22,7 +22,7 @@ from zpm2.polygons.rasterize import rasterize
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
-STAGES = ["read", "load", "points", "detect", "global", "local"]
+STAGES = ["read", "load", "points", "detect", "global", "local", "verify"]
 
 
 def read(folder: Path) -> Any:
