@@ -77,8 +77,8 @@ class VerifyConfig:
     rival: float = share(
         0.98, "quantile of the other shifts that the place must beat", source="the best of all would be noise"
     )
-    neighbors: int = number(8, "nearest matches whose motion is compared", low=1, high=1000, source="as nearest_points")
-    min_neighbors: int = number(5, "with fewer, the motion is not known", low=1, high=1000, source="half may be wrong")
+    neighbors: int = number(8, "nearest matches whose motion is compared", low=3, high=1000, source="as nearest_points")
+    min_neighbors: int = number(5, "with fewer, the motion is not known", low=3, high=1000, source="half may be wrong")
     unknown_motion: float = number(
         0.3,
         "distance from where the neighbours are taken, where it is not known",
