@@ -45,7 +45,7 @@ class VerifyConfig:
     """The evidence of a match that did not make it, and the judge who rejects matches by it (`verify`)."""
 
     min_confidence: float = share(
-        0.5, "under which the judge rejects a match", source="it is wrong more often than right (docs/confidence.md)"
+        0.5, "under which the judge rejects a match", source="measured where partners are missing: docs/confidence.md"
     )
     patch: int = number(
         32,
