@@ -1,8 +1,9 @@
 """Do two polygons show the same? Their insides are compared where their outlines say that they lie, and beside it.
 
 The left photograph is rectified by an affine map that brings one outline onto the other: the place and the size do not
-come from homologous points. The inside of the polygon then correlates best without a shift. If another shift does as well, the texture repeats, or
-the outline belongs to something in front (a door seen through a fence) and the content moved behind it.
+come from homologous points. The inside of the polygon then correlates best without a shift. If another shift does as
+well, the texture repeats, or the outline belongs to something in front (a door seen through a fence) and the content
+moved behind it.
 """
 
 import cv2
