@@ -15,6 +15,8 @@ from rendered import Outcome, Pair, Run, save_pair
 from zpm2.cli import app
 from zpm2.evaluate.rendered import render_scene
 
+HERE = Path(__file__).parent
+
 # Damaged files are read under a limit of memory that only Linux has; Windows has no signals to kill a command with.
 collect_ignore = [] if sys.platform == "linux" else ["fuzz/test_mutants.py"]
 collect_ignore += ["kill/test_kills.py"] if sys.platform == "win32" else []
@@ -22,6 +24,41 @@ collect_ignore += ["kill/test_kills.py"] if sys.platform == "win32" else []
 # Time is no property of a result: machines are shared. In CI the examples are the same each time.
 settings.register_profile("zpm2", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("zpm2")
+
+
+# The test files that take longest, in this order: they start first, so that no core waits for another one at the end.
+SLOWEST = (
+    "test_docs.py",
+    "reconstruct/test_reconstruct.py",
+    "reconstruct/test_resumed.py",
+    "segment/test_segmenters.py",
+    "test_one_entry.py",
+    "cli/test_cloud.py",
+    "test_stale_results.py",
+    "test_hard_cases.py",
+    "evaluate/test_runs.py",
+    "test_plugin_package.py",
+    "kill/test_kills.py",
+    "segment/test_sam_view.py",
+    "test_runtime.py",
+    "test_bad_input.py",
+    "tiled/test_tiled_matcher.py",
+    "tiled/test_thin.py",
+    "segment/test_transformers_sam.py",
+    "features/test_pair_networks.py",
+    "fuzz/test_mutants.py",
+    "test_end_to_end.py",
+    "segment/test_sam_network.py",
+    "segment/test_sam2_onnx.py",
+    "cloud/test_picture.py",
+    "test_same_bytes.py",
+    "weights/test_slow.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {HERE / name: k for k, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(autouse=True)

@@ -14,12 +14,21 @@ from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter, SamView
 
 
+class Memory:
+    """What the networks said."""
+
+    def __init__(self) -> None:
+        self.opened: dict[tuple[object, ...], sam_backend.SamBackend] = {}
+        self.views: dict[tuple[object, ...], SamView] = {}
+        self.found: dict[tuple[object, ...], MaskPredictions] = {}
+
+
 @contextmanager
-def remembered() -> Iterator[None]:
-    """Within it the networks run once for each photograph and each call with the same prompts; all else is as ever."""
-    opened: dict[tuple[object, ...], sam_backend.SamBackend] = {}
-    views: dict[tuple[object, ...], SamView] = {}
-    found: dict[tuple[object, ...], MaskPredictions] = {}
+def remembered(memory: Memory | None = None) -> Iterator[None]:
+    """Within it the networks run once for each photograph and each call with the same prompts; all else is as ever.
+    `memory` is that of an earlier use."""
+    memory = memory or Memory()
+    opened, views, found = memory.opened, memory.views, memory.found
     predict = SamView.predict
 
     def open_once(config: SegmentConfig, device: str, *more: object) -> sam_backend.SamBackend:

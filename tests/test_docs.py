@@ -20,7 +20,8 @@ from zpm2 import config
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-QUICK = ["--set", "segment.grid=4"]  # laid over what the page says, to be done in seconds
+FEW = ["segment.grid=4", "points.max_keypoints=1000"]  # prompts and points, to be done in seconds
+QUICK = [word for setting in FEW for word in ("--set", setting)]  # laid over what the page says
 
 
 def blocks(language: str) -> list[tuple[Path, str]]:
@@ -136,7 +137,7 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
 @pytest.mark.weights
 def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PIL.Image.Image, "show", lambda self: None)
-    quick = config.assign(config.preset("default"), ["segment.grid=4"])
+    quick = config.assign(config.preset("default"), FEW)
     monkeypatch.setitem(config.PRESETS, "default", quick)
     names: dict[str, object] = {"zpm2": zpm2, "np": np}
     for page, text in blocks("python"):

@@ -10,7 +10,7 @@ import boards
 import numpy as np
 import PIL.Image
 import pytest
-from rendered import Outcome, Pair, Run
+from rendered import Outcome, Pair, Run, save_pair
 
 from zpm2 import MatchResult
 from zpm2.api import Matcher
@@ -18,6 +18,7 @@ from zpm2.config import assign, preset
 from zpm2.evaluate import predictions
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.evaluate.rendered import render_scene
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 QUICK = ("--set", "points.methods=sift", "--device", "cpu")
@@ -56,10 +57,10 @@ def replace(path: Path) -> None:
     os.utime(path, ns=(time, time))
 
 
-def test_pairs_of_a_cloud(
-    pair: Pair, photographs: tuple[Path, Path], run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pairs_of_a_cloud(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("trimesh")
+    pair = save_pair(render_scene(0, 200, 120), tmp_path)  # small: there are nine runs
+    photographs = pair.left, pair.right
     counting = Counting(pair)
     monkeypatch.setattr("zpm2.api.Matcher", counting)
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])

@@ -19,9 +19,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from zpm2.errors import ConfigError, PluginWarning, Zpm2Error, did_you_mean
+from zpm2.errors import ConfigError, MissingDependency, PluginWarning, Zpm2Error, did_you_mean
 from zpm2.files.keys import code_of
 
 if TYPE_CHECKING:
@@ -53,6 +54,15 @@ class ModelInfo:
     packages: tuple[str, ...] = ()  # what that extra brings, by the names that are imported
     variable: str = ""  # of the environment, which must be set
     device: str = "cpu, cuda"  # where it runs
+
+    def missing_packages(self) -> list[str]:
+        """Those of `packages` that are not installed."""
+        return [package for package in self.packages if find_spec(package) is None]
+
+    @property
+    def install(self) -> str:
+        """The command that installs `packages`."""
+        return f'pip install "zpm2[{self.extra}]"' if self.extra else f"pip install {' '.join(self.packages)}"
 
 
 @dataclass(frozen=True)
@@ -281,8 +291,11 @@ class Models(Registry[Model]):
 
     def build(self, name: str, given: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
         """The segmenter or matcher `name`: its class or function, called with those of `given` and of `options` that it
-        has parameters for. `ConfigError` where one of another package fails."""
+        has parameters for. `MissingDependency` without the packages that it needs, `ConfigError` where one of another
+        package fails."""
         found = self._get(name)
+        if missing := found.part.info.missing_packages():
+            raise MissingDependency(f"{self.kind} '{name}' needs {' and '.join(missing)}: {found.part.info.install}")
         kinds = [parameter.kind for parameter in _signature(found.part.build)]
         names = {parameter.name for parameter in _signature(found.part.build)}
         takes_any = inspect.Parameter.VAR_KEYWORD in kinds

@@ -1,7 +1,8 @@
 """The contract of every segmenter: the regions of any picture, as crops inside of it, the same each time."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from itertools import combinations
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from numpy.typing import NDArray
+from remembered import Memory, remembered
 from rendered import Pair
 
 from zpm2.config import SegmentConfig, VectorizeConfig
@@ -23,12 +25,21 @@ from zpm2.segment.protocol import FromFile, HasNotes, Segmenter, notes_of
 from zpm2.segment.sam import SamSegmenter
 
 SAM = SegmentConfig(grid=4, min_area=150.0)
+ANEW = ("leaves the image alone", "gives the same bytes twice", "works in threads that take turns")
+MEMORY = Memory()
 Maker = Callable[[Image], Segmenter]  # the segmenter to use on that image
 
 
 @pytest.fixture(scope="session")
 def sam() -> SamSegmenter:
     return SamSegmenter(SAM)
+
+
+@pytest.fixture(autouse=True)
+def networks(request: pytest.FixtureRequest) -> Iterator[None]:
+    """They run once for each image, but for the checks `ANEW`, which are about each run."""
+    with nullcontext() if any(check in request.node.name for check in ANEW) else remembered(MEMORY):
+        yield
 
 
 @pytest.fixture(params=["precomputed", "classical", pytest.param("sam", marks=pytest.mark.weights)])

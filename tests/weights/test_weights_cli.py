@@ -99,6 +99,14 @@ def test_get_all_leaves_out_what_must_be_accepted(restricted: Entry):
     assert "closed.pt" in run("get", "all", "--accept-licence").stdout
 
 
+def test_get_all_leaves_out_what_is_of_unknown_size(restricted: Entry, monkeypatch: pytest.MonkeyPatch):
+    first, *others = weights.MANIFEST
+    unknown = dataclasses.replace(first, name="unknown", file="unknown.pt", size=0, sha256="")
+    for module in ("zpm2.weights", "zpm2.weights.manifest", "zpm2.weights.store"):
+        monkeypatch.setattr(f"{module}.MANIFEST", (unknown, first, *others))
+    assert run("get", "all").stdout == f"tiny: {cache_dir() / 'tiny.pt'}\n"
+
+
 def test_one_that_fails_does_not_stop_the_others(restricted: Entry):
     result = run("get", "closed", "tiny")
     assert f"tiny: {cache_dir() / 'tiny.pt'}" in result.stdout

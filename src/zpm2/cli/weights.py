@@ -59,9 +59,9 @@ def get(
         bool, typer.Option("--accept-licence", help="Accept a licence that forbids commercial use.")
     ] = False,
 ) -> None:
-    """Fetch weights into the cache. `all` leaves out those whose licence you must accept first."""
+    """Fetch weights into the cache. `all`: those of known size whose licence you need not accept first."""
     if "all" in names:
-        names = [item.name for item in weights.MANIFEST if item.commercial_use or accept_licence]
+        names = [i.name for i in weights.MANIFEST if i.hash_known and (i.commercial_use or accept_licence)]
     for item in map(weights.entry, names):
         if accept_licence and not item.commercial_use:
             print(f"{item.name}: {item.licence}, see {item.terms}", file=sys.stderr)

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from time import perf_counter
 
 from zpm2 import weights
@@ -115,8 +114,8 @@ def _row(kind: str, name: str) -> ModelRow:
     known = [places[each] for each in info.weights if each in places]
     absent = [status.entry for status in known if status.path is None]
     missing += [f"zpm2 weights get {e.name}{'' if e.commercial_use else ' --accept-licence'}" for e in absent]
-    if any(find_spec(package) is None for package in info.packages):
-        missing.append(f'pip install "zpm2[{info.extra}]"' if info.extra else f"pip install {' '.join(info.packages)}")
+    if info.missing_packages():
+        missing.append(info.install)
     if info.variable and info.variable not in os.environ:
         missing.append(f"the environment variable {info.variable} (docs/points.md)")
     licences = dict.fromkeys(status.entry.licence for status in known)

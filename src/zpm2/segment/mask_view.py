@@ -23,7 +23,7 @@ class MaskView:
         if thin(image.width, image.height):
             shorter = round(seen * min(image.width, image.height) / max(image.width, image.height))
             raise InputError(
-                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which SAM would see "
+                f"{image.path or 'the image'} is {image.width} x {image.height} px, of which the segmenter would see "
                 f"{seen} x {shorter}: match it in tiles (--tiles on)"
             )
         self.image = image

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
-from zpm2.errors import MissingDependency, WeightsError
+from zpm2.errors import WeightsError
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, MaskNetwork, Sight
 from zpm2.weights import Progress
@@ -24,10 +24,8 @@ def open_network(
     config: SegmentConfig, device: str, download: Progress | None
 ) -> tuple[MaskNetwork[dict[str, Array]], list[str]]:
     """The network, and a note where the device is a GPU that ONNX Runtime cannot use."""
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingDependency("the segmenter sam2_tiny needs ONNX Runtime: pip install 'zpm2[onnx]'") from error
+    import onnxruntime
+
     on_gpu = device == "cuda" and CUDA in onnxruntime.get_available_providers()
     notes = [] if on_gpu or device == "cpu" else ["sam2_tiny runs on the CPU; for the GPU: pip install onnxruntime-gpu"]
     mark_networks_loaded()

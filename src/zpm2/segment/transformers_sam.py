@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
-from zpm2.errors import MissingDependency, WeightsError
+from zpm2.errors import MissingDependency
 from zpm2.model.messages import Note
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, Sight
@@ -176,14 +176,14 @@ MODELS: dict[str, tuple[Family, dict[str, Number]]] = {
 class TransformersSam:
     """A `MaskNetwork` of `MODELS` with its released weights, in torch.
 
-    `WeightsError` where the file cannot be had or is not of this network, `MissingDependency` without the extra hf.
+    `WeightsError` where the file cannot be had or is not of this network, `MissingDependency` where transformers does
+    not have it.
     """
 
     def __init__(
         self, name: str, config: SegmentConfig, device: str = "cpu", download: weights.Progress | None = None
     ) -> None:
         family, numbers = MODELS[name]
-        check_installed(name)
         import torch
 
         path = weights.get(name, progress=download)
@@ -200,7 +200,7 @@ class TransformersSam:
                 f"transformers cannot load the network of {name} ({reason}): pip install -U 'zpm2[hf]', and where "
                 "torchvision is installed, the one that fits your torch"
             ) from error
-        load_strictly(model, path, family)
+        weights.load_into(model, _tensors(path, family, model), f"{name} ({path})")
         self._model = model.eval().requires_grad_(False).to(self._device)
 
     def encode(self, pixels: Array) -> "Encoded":
@@ -225,20 +225,8 @@ class TransformersSam:
         return self._torch.from_numpy(np.ascontiguousarray(array)).to(self._device)
 
 
-def check_installed(name: str) -> None:
-    """`MissingDependency` without what the network needs."""
-    from importlib.util import find_spec
-
-    extra = "edgetam" if name == "edgetam" else "hf"
-    needs = ("transformers", "safetensors", *(("timm",) if name == "edgetam" else ()))
-    missing = [package for package in needs if find_spec(package) is None]
-    if missing:
-        raise MissingDependency(f"the segmenter {name} needs {' and '.join(missing)}: pip install 'zpm2[{extra}]'")
-
-
-def load_strictly(model: "PreTrainedModel", path: Path, family: Family) -> None:
-    """Fill a network with the tensors of a file. `WeightsError`, one line, unless the file has all of them, no others
-    but those that `family` leaves out, and each in its shape."""
+def _tensors(path: Path, family: Family, model: "PreTrainedModel") -> "dict[str, Tensor]":
+    """What a file has for a network, by the names that the network gives it."""
     state = {}
     for name, tensor in weights.load_tensors(path).items():
         for pattern, new in family.renamed.items():
@@ -249,12 +237,4 @@ def load_strictly(model: "PreTrainedModel", path: Path, family: Family) -> None:
     for one, other in (SHARED, SHARED[::-1]):  # two names of one tensor, which some files hold once
         if one in own and one not in state and other in state:
             state[one] = state[other]
-    wrong = {
-        "lacks": [name for name in own if name not in state],
-        "has unknown": [name for name in state if name not in own],
-        "has in another shape": [name for name in own if name in state and own[name].shape != state[name].shape],
-    }
-    said = [f"{what} {len(names)} tensors ({names[0]}, ...)" for what, names in wrong.items() if names]
-    if said:
-        raise WeightsError(f"{path} is not of the network {type(model).__name__} as zpm2 builds it: {', '.join(said)}")
-    model.load_state_dict(state, strict=True)
+    return state

@@ -33,7 +33,7 @@ def efficientloftr(config: PointsConfig, device: str, progress: weights.Progress
     from zpm2.features.pair_network import PairNetworkMatcher
     from zpm2.features.transformers_package import transformers
 
-    package = transformers("efficientloftr")
+    package = transformers()
     network = package.EfficientLoFTRForKeypointMatching(package.EfficientLoFTRConfig())
     weights.load_into(network, weights.load_state_dict("efficientloftr", progress=progress), "efficientloftr")
     network.eval().to(device)

@@ -61,7 +61,7 @@ def superglue(name: str, config: PointsConfig, device: str, progress: weights.Pr
     from zpm2.features.transformers_package import transformers
 
     info = SUPERGLUE[name]
-    package = transformers(name)
+    package = transformers()
     seen = replace(config, max_size=config.side(info.longest_side))
     detector = NetworkDetector(_extract(seen, device, progress), seen, device)
     return SparseMatcher(name, detector, SuperGlueMatcher(info.weights[1], package, device, progress))
