@@ -26,13 +26,13 @@ from zpm2.cloud.workspace import read_views
 from zpm2.errors import MissingDependency
 from zpm2.formats import cameras, colmap
 from zpm2.formats.maps import read_disparity, read_map
+from zpm2.formats.regions.registry import open_regions
 from zpm2.formats.run_lengths import compressed
 from zpm2.model import Image
 from zpm2.photos import gdal
 from zpm2.photos.images import read_image
 from zpm2.photos.listing import image_size
 from zpm2.photos.source import open_source
-from zpm2.segment.given.region_files import open_regions
 from zpm2.stereo.calibration import read_calibration
 from zpm2.stereo.camera_check import orientation
 from zpm2.stereo.intrinsics import from_exif, read_camera

@@ -6,9 +6,9 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.evaluate.results.areas import AreaMatches, Pieces
 from zpm2.files.reading import read_json
+from zpm2.formats.regions.labels import open_labels
+from zpm2.formats.regions.region import GivenRegion
 from zpm2.model import Image
-from zpm2.segment.given.labels import open_labels
-from zpm2.segment.given.region import GivenRegion
 
 
 def json_of(file: Path) -> object:

@@ -9,6 +9,8 @@ import shapely
 from zpm2.config import SegmentConfig, VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
+from zpm2.formats.regions.region import GivenRegion, counted
+from zpm2.formats.regions.registry import open_regions
 from zpm2.model import Image, Mask, Polygon
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.rasterize import rasterize
@@ -16,8 +18,6 @@ from zpm2.polygons.repair import polygons_in
 from zpm2.polygons.shapes import from_shape
 from zpm2.polygons.trace import pieces
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.given.region import GivenRegion, counted
-from zpm2.segment.given.region_files import open_regions
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from scipy import ndimage
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import read_array, regular
+from zpm2.formats.regions.region import GivenRegion, GivenRegions, RegionReader, check_size
 from zpm2.model import Image, Mask
 from zpm2.photos import gdal, pictures
 from zpm2.photos.checks import MAX_PIXELS, check_length, check_memory, no_memory
-from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
 Values = NDArray[np.generic]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere

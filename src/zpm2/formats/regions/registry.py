@@ -7,10 +7,10 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.files.reading import read_json
 from zpm2.formats import geojson
+from zpm2.formats.regions.annotations import open_annotations
+from zpm2.formats.regions.labels import open_labels
+from zpm2.formats.regions.region import GivenRegion, GivenRegions, RegionReader, check_size, other_photograph
 from zpm2.model import Image
-from zpm2.segment.given.annotations import open_annotations
-from zpm2.segment.given.labels import open_labels
-from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size, other_photograph
 
 FORMATS = (
     "a label image (.png, .tif or .npy of whole numbers, 0 = background), COCO annotations or SAM's automatic masks "

@@ -10,8 +10,8 @@ from zpm2.errors import InputError
 from zpm2.formats import coco, geojson, run_lengths
 from zpm2.formats.convert import Members
 from zpm2.formats.properties import plain, unprefixed
+from zpm2.formats.regions.region import GivenRegion, GivenRegions, RegionReader, check_size, counted, other_photograph
 from zpm2.model import Image, Mask
-from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size, counted, other_photograph
 
 # members of an annotation that a polygon has under other names, or that follow from its outline
 TAKEN = {"id", "image_id", "category_id", "segmentation", "bbox", "area"}
