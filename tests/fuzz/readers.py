@@ -176,7 +176,7 @@ def _regions() -> list[Reader]:
         {"a.json": json.dumps(coco).encode()},
         {"a.json": json.dumps(coco["annotations"][:2]).encode()},
     )
-    read = lambda folder: open_regions(only(folder))(image)  # noqa: E731
+    read = lambda folder: open_regions(only(folder)).read(image)  # noqa: E731
     return [
         Reader("regions", samples, read),
         Reader("label image without rasterio", samples[:2], _without_rasterio(read)),

@@ -352,7 +352,7 @@ def test_a_reference_system_is_refused_though_the_numbers_fit(tmp_path, crs, nam
         (one if where == "feature" else one["geometry"])["crs"] = crs
     data = collection(one, **({"crs": crs} if where == "collection" else {}))
     with pytest.raises(InputError, match=rf"a\.geojson is in the reference system .*{named}.*remove \"crs\"") as caught:
-        source(write(tmp_path / "a.geojson", data))
+        source(write(tmp_path / "a.geojson", data)).polygons(IMAGE)
     assert "\n" not in str(caught.value)
 
 

@@ -21,7 +21,7 @@ def json_of(file: Path) -> object:
 
 def pixels_of_labels(file: Path, image: Image) -> list[GivenRegion]:
     """The regions of a label image of the size of `image`, by their numbers; each `body` is a mask."""
-    return open_labels(file)(image).regions
+    return open_labels(file).read(image).regions
 
 
 def tracked(frames: tuple[Mapping[int, tuple[Pieces, float]], Mapping[int, tuple[Pieces, float]]]) -> AreaMatches:
