@@ -45,6 +45,11 @@ class Table:
     columns: dict[str, NDArray[np.generic]]
     nulls: dict[str, NDArray[np.bool_]]
 
+    @staticmethod
+    def of(rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
+        """A table with a column for each name in n rows of values."""
+        return Table({}, {}).with_properties(rows, driver)
+
     def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
         """The table with a column for each property that its n polygons were given with, as many as the format allows.
 
@@ -124,18 +129,39 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     the CRS is unknown. The files are moved in when all are complete, and those of an earlier shapefile of that name
     that are not replaced are removed. `OutputError` where it cannot be written.
     """
-    target = Path(folder) / f"{layer.name}.shp"
-    with moved_into(target.parent, target) as temporary:
-        table = _table(layer, SHAPEFILE)
-        undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
-        write_layer(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs, undated)
-        for suffix in reversed(SIDE_FILES):  # .shp last
-            part = temporary / f"{layer.name}{suffix}"
-            if part.exists():
-                move_into_place(part, target.with_suffix(suffix))
+    path = Path(folder) / f"{layer.name}.shp"
+    return write_file(path, layer.name, _table(layer, SHAPEFILE), world_shapes(layer), layer.crs)
+
+
+def write_file(
+    path: Path,
+    name: str,
+    table: Table,
+    shapes: NDArray[np.object_],
+    crs: str | None,
+    kind: str = "Polygon",
+    options: Mapping[str, str] | None = None,
+) -> Path:
+    """Writes one layer of geometries of a `kind` (GDAL's name) as a GeoPackage or shapefile, by the path's suffix, in
+    place of an earlier one; returns the path. `OutputError`; `path` then stays as it was."""
+    driver = SHAPEFILE if path.suffix.lower() == ".shp" else GPKG
+    with moved_into(path.parent, path) as folder:
+        part = folder / f"a{path.suffix}"
+        if driver == SHAPEFILE:
+            undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
+            write_layer(part, driver, name, table, shapes, crs, undated, kind)
+            made = {part.with_suffix(suffix): path.with_suffix(suffix) for suffix in reversed(SIDE_FILES)}  # .shp last
+        else:
+            unplaced = {"SRID": "-1"} if crs is None else {}
+            write_layer(part, driver, name, table, shapes, crs, {**unplaced, **(options or {})}, kind)
+            # logs of the old file: SQLite would apply them to the new one
+            made = {Path(f"{part}{suffix}"): Path(f"{path}{suffix}") for suffix in (*LOG_FILES, "")}
+        for each, target in made.items():
+            if each.exists():
+                move_into_place(each, target)
             else:
-                remove_own(target.with_suffix(suffix))
-    return target
+                remove_own(target)
+    return path
 
 
 def messages(layers: Sequence[Layer]) -> list[str]:

@@ -157,6 +157,22 @@ def between(source: str, target: str, points: Array) -> Array:
     return points if source == target else _warped(source, target, points)
 
 
+def meters_between(crs: str, starts: Array, ends: Array) -> Array:
+    """(n, 2) m from each of n points to another, along the axes of a projected reference system; to the east and to the
+    north on the ellipsoid (WGS 84) where coordinates are longitudes and latitudes. Short distances only."""
+    from rasterio.crs import CRS
+
+    system = CRS.from_user_input(crs)
+    if system.is_projected:
+        return (ends - starts) * float(system.linear_units_factor[1])
+    starts, ends = between(crs, WGS84, starts), between(crs, WGS84, ends)
+    lat = np.radians((starts[:, 1] + ends[:, 1]) / 2)
+    turns = 1 - _ECCENTRICITY_2 * np.sin(lat) ** 2
+    lon_lat = np.radians(np.column_stack([_wrapped(ends - starts, 0.0)[:, 0], ends[:, 1] - starts[:, 1]]))
+    radii = [_SEMI_MAJOR / np.sqrt(turns) * np.cos(lat), _SEMI_MAJOR * (1 - _ECCENTRICITY_2) / turns**1.5]
+    return lon_lat * np.column_stack(radii)
+
+
 def _rpc_of(geo: Georeference) -> "RPC":
     from rasterio.rpc import RPC
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from zpm2 import memory
 from zpm2.errors import InputError
 from zpm2.files.reading import regular
-from zpm2.files.record import move_into_place, remove_own
 from zpm2.formats import geojson, gis
 from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import Parts, check_ground, oriented, outlines_of, to_ground, to_pixels
@@ -99,25 +98,8 @@ class Vectors:
         multi = "Multi" in self.kind or any(s is not None and s.geom_type == "MultiPolygon" for s in shapes)
         gpkg = self._driver == gis.GPKG
         options = {"FID": self._free_name("fid"), "GEOMETRY_NAME": self._free_name("geom")} if gpkg else {}
-        if not gpkg:
-            options["DBF_DATE_LAST_UPDATE"] = gis.EPOCH
-        elif crs is None:
-            options["SRID"] = "-1"
         table = self._table(carried, options.get("FID"))
-        with gis.moved_into(path.parent, path) as folder:
-            part = folder / f"a{self.path.suffix.lower()}"
-            kind = "MultiPolygon" if multi else "Polygon"
-            gis.write_layer(part, self._driver, self.layer, table, shapes, crs, options, kind)
-            suffixes = ("",) if gpkg else gis.SIDE_FILES
-            if gpkg:
-                for suffix in gis.LOG_FILES:  # of the old file: SQLite would apply them to the new one
-                    remove_own(path.with_name(path.name + suffix))
-            for suffix in reversed(suffixes):
-                made, target = (part, path) if gpkg else (part.with_suffix(suffix), path.with_suffix(suffix))
-                if made.exists():
-                    move_into_place(made, target)
-                else:
-                    remove_own(target)
+        gis.write_file(path, self.layer, table, shapes, crs, "MultiPolygon" if multi else "Polygon", options)
         return notes
 
     @property
