@@ -49,11 +49,25 @@ def rings_of(polygon: shapely.Polygon) -> list[Array]:
 def one_ring(shape: Shape) -> Array:
     """(n, 2) a shape as a single ring, not repeated at the end, for formats that know neither holes nor parts.
 
-    Each further ring is walked around from the first vertex of all, there and back on one line, as YOLO's converters
-    join them: filled by the even-odd rule, the ring is the shape.
+    Rings are joined by lines that are walked there and back: filled by the even-odd rule, the ring is the shape. Each
+    line is the shortest one to the nearest ring, so it crosses none.
     """
-    first, *others = [ring for part in parts_of(shape) for ring in rings_of(part)]
-    return np.concatenate([first, *(np.concatenate([ring, first[:1]]) for ring in others)])[:-1]
+    merged, *others = [ring for part in parts_of(shape) for ring in rings_of(shapely.geometry.polygon.orient(part))]
+    while others:
+        line = shapely.linestrings(merged)
+        nearest = int(np.argmin([shapely.distance(line, shapely.linestrings(ring)) for ring in others]))
+        ring = others.pop(nearest)
+        here, there = shapely.get_coordinates(shapely.shortest_line(line, shapely.linestrings(ring)))
+        edge, last = _edge_of(merged, here), _edge_of(ring, there)
+        around = [there[None], ring[last + 1 :], ring[1 : last + 1], there[None]]
+        merged = np.concatenate([merged[: edge + 1], here[None], *around, here[None], merged[edge + 1 :]])
+    return merged[:-1][(merged[:-1] != merged[1:]).any(1)]
+
+
+def _edge_of(ring: Array, point: Array) -> int:
+    """The row of the closed ring's edge that a point lies on."""
+    edges = shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1))
+    return int(np.argmin(shapely.distance(edges, shapely.points(point))))
 
 
 def pixels_of(shape: Shape, photograph: Photograph) -> Mask:

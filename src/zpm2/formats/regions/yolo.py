@@ -129,7 +129,7 @@ def _names_in_yaml(text: str) -> list[str]:
     if found is None:
         return []
     if found[1]:
-        return [_unquoted(name) for name in found[1][1:-1].split(",") if name.strip()]
+        return [_unquoted(name) for name in re.findall(r"'[^']*'|\"[^\"]*\"|[^,\s][^,]*", found[1][1:-1])]
     items = re.findall(r"^[ \t]*(?:-|(\d+):)[ \t]+(.*)$", found[2], re.M)
     if not any(number for number, _ in items):
         return [_unquoted(name) for _, name in items]
