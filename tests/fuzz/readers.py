@@ -18,6 +18,7 @@ from dataset_readers import dataset_readers
 from mutate import SIZE
 from own_readers import own_readers
 from rasterio.rpc import RPC
+from region_readers import region_readers
 from samples import Files, Reader, encoded, npy, npz, only, pixels
 
 from zpm2 import config
@@ -180,6 +181,7 @@ def _regions() -> list[Reader]:
     return [
         Reader("regions", samples, read),
         Reader("label image without rasterio", samples[:2], _without_rasterio(read)),
+        *region_readers(),
     ]
 
 
