@@ -64,11 +64,8 @@ def _samples() -> dict[str, tuple[Files, ...]]:
         "Labelme": ({"a.json": json.dumps(labelme).encode()},),
         "CVAT": ({"a.xml": cvat.encode()},),
         "YOLO": (
-            {
-                "a.txt": b"0 0.1 0.1 0.5 0.1 0.5 0.5\n1 0.5 0.5 0.2 0.2\n0 0.1 0.1 0.5 0.1 0.5 0.5 0.9\n",
-                "data.yaml": yaml,
-            },
-            {"a.txt": b"0 0.1 0.1 0.5 0.1 0.5 0.5\n", "classes.txt": b"roof\n"},
+            {"a.txt": triangle + b"1 0.5 0.5 0.2 0.2\n" + triangle[:-1] + b" 0.9\n", "data.yaml": yaml},
+            {"a.txt": triangle, "classes.txt": b"roof\n"},
         ),
         "GeoJSON on the ground": tuple({"a.geojson": json.dumps(data).encode()} for data in collections),
         "GeoPackage": (_layer("a.gpkg", "GPKG"),),

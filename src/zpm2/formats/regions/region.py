@@ -14,6 +14,8 @@ from zpm2.model import Georeference, Mask
 
 PREFIX = "zpm2_"  # of the attributes that we add, so that those of the file keep their names
 
+SEPARATOR = "|layername="  # between a file and the name of its layer, as in QGIS
+
 Shape: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 
@@ -131,6 +133,12 @@ def of_photograph(names: Sequence[object], photograph: Photograph, path: Path) -
 def name_of(photograph: Photograph, otherwise: str = "image") -> str:
     """The photograph's file name without its folder."""
     return PureWindowsPath(photograph.path).name if photograph.path else otherwise
+
+
+def split_layer(path: str | Path) -> tuple[Path, str | None]:
+    """A path and the layer that it names after `SEPARATOR`, as QGIS writes both."""
+    file, separator, layer = str(path).partition(SEPARATOR)
+    return Path(file), layer if separator else None
 
 
 def ours(attributes: Mapping[str, object]) -> dict[str, object]:

@@ -13,8 +13,8 @@ from zpm2.formats.regions.cvat import open_cvat
 from zpm2.formats.regions.features import open_features
 from zpm2.formats.regions.labelme import Labelme, is_labelme
 from zpm2.formats.regions.labels import open_labels
-from zpm2.formats.regions.region import CarriedRegion, Photograph, RegionFile, name_of
-from zpm2.formats.regions.vectors import DRIVERS, open_vectors, split_layer
+from zpm2.formats.regions.region import CarriedRegion, Photograph, RegionFile, name_of, split_layer
+from zpm2.formats.regions.vectors import DRIVERS, open_vectors
 from zpm2.formats.regions.yolo import open_yolo
 
 FORMATS = (

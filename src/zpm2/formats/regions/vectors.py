@@ -18,7 +18,7 @@ from zpm2.files.reading import regular
 from zpm2.formats import geojson, gis
 from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import Parts, check_ground, oriented, outlines_of, to_ground, to_pixels
-from zpm2.formats.regions.region import PREFIX, CarriedRegion, GivenRegion, GivenRegions, Photograph, ours
+from zpm2.formats.regions.region import PREFIX, SEPARATOR, CarriedRegion, GivenRegion, GivenRegions, Photograph, ours
 
 Column = NDArray[np.generic]
 
@@ -26,7 +26,6 @@ BYTES_PER_BYTE = 8  # of memory, for each of the file, while it is read
 HEADS = {".gpkg": (rb"SQLite format 3\0.{52}(GPKG|GP1\d)", 72), ".shp": (rb"\0\0\x27\x0a", 4)}
 DRIVERS = {".gpkg": gis.GPKG, ".shp": gis.SHAPEFILE}
 UNPLACED = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*", re.DOTALL)  # reference systems of no place, in WKT
-SEPARATOR = "|layername="  # between a file and the name of its layer, as in QGIS
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +185,6 @@ def open_vectors(path: Path, layer: str | None = None) -> Vectors | None:
     fields = [str(field) for field in meta["fields"]]
     kind = str(pyogrio.read_info(file, layer=chosen)["geometry_type"])
     return Vectors(path, chosen, crs, kind, fids, np.asarray(shapes, object), fields, list(columns), types)
-
-
-def split_layer(path: str | Path) -> tuple[Path, str | None]:
-    """A path and the layer that it names after `SEPARATOR`, as QGIS writes both."""
-    file, separator, layer = str(path).partition(SEPARATOR)
-    return Path(file), layer if separator else None
 
 
 def _is_of_driver(path: Path) -> bool:

@@ -9,9 +9,8 @@ import shapely
 from zpm2.config import SegmentConfig, VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
-from zpm2.formats.regions.region import GivenRegion, counted
+from zpm2.formats.regions.region import GivenRegion, counted, split_layer
 from zpm2.formats.regions.registry import open_regions
-from zpm2.formats.regions.vectors import split_layer
 from zpm2.model import Image, Mask, Polygon
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.rasterize import rasterize
