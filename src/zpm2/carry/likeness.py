@@ -37,9 +37,7 @@ class Cells:
         return np.asarray(blocks.mean((2, 4)).reshape(len(shapes), -1))
 
 
-def cells_of(
-    left: NDArray[np.float32], right: NDArray[np.float32], scales: tuple[float, float]
-) -> tuple[Cells, Cells]:
+def cells_of(left: NDArray[np.float32], right: NDArray[np.float32], scales: tuple[float, float]) -> tuple[Cells, Cells]:
     """The embeddings (c, h, w) of both photographs, made comparable: the mean of both is taken off."""
     flat = [np.asarray(each, np.float64).reshape(len(each), -1).T for each in (left, right)]
     mean = np.concatenate(flat).mean(0)
