@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2 import geometry
 from zpm2.carry import contest, outcome
 from zpm2.carry.asking import Answers, Expectation, ask
 from zpm2.carry.likeness import Cells, cells_of, transferred
@@ -162,7 +163,8 @@ def _outcome(
         visible = 0.0 if status in ("outside", "hidden") else None
     else:
         status, reason = outcome.found(visible, place, trust, size, config)
-    center = (place if known else shape).centroid if known or shape is not None else None
+    where = place if known else shape
+    center = None if where is None else where.centroid
     return Outcome(
         status,
         reason,
@@ -206,8 +208,6 @@ def moved_only(
 
 def _similarity(matrix: Array, at: Array) -> Array:
     """(2, 2) the rotation and scale nearest to a map around a point."""
-    from zpm2 import geometry
-
     linear = geometry.homography_jacobian(matrix, at[None])[0]
     a, b = (linear[0, 0] + linear[1, 1]) / 2, (linear[1, 0] - linear[0, 1]) / 2
     return np.array([[a, -b], [b, a]])

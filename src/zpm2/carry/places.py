@@ -73,7 +73,7 @@ def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryC
     return Places(
         np.array([shapely.unary_union(moved[owner == k]) for k in range(n)], object),
         maps[first] if n else np.zeros((0, 3, 3)),
-        np.bincount(owner, weight * trust, n),
+        np.asarray(np.bincount(owner, weight * trust, n), np.float64),
         np.bincount(owner, inside, n).astype(np.int64),
         np.bincount(owner, agreeing, n).astype(np.int64),
         sigma[first] if n else sigma,

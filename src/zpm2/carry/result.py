@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import PIL.Image
+import shapely
 from numpy.typing import NDArray
 
 from zpm2.carry.outcome import Outcome
@@ -16,6 +17,7 @@ from zpm2.carry.places import Shape
 from zpm2.config import RasterConfig
 from zpm2.files.photo_paths import absolute, photo_reference
 from zpm2.files.writing import atomic_write, claim
+from zpm2.formats.convert import Members
 from zpm2.formats.properties import plain
 from zpm2.formats.regions.outlines import parts_of
 from zpm2.formats.regions.region import CarriedRegion, GivenRegion, RegionFile
@@ -83,8 +85,9 @@ class CarryResult:
         return PIL.Image.fromarray(self._overlay(max_width))
 
     def save(self, directory: str | Path) -> Path:
-        """Writes `regions.<ending of what was given>`, `carry.json`, `overlay.png`, and of two georeferenced photographs
-        `shifts.geojson`, into a folder, which is made; returns it. `carry.json` comes last. `OutputError`."""
+        """Writes `regions.<ending of what was given>`, `carry.json`, `overlay.png`, and of two georeferenced
+        photographs `shifts.geojson`, into a folder, which is made; returns it. `carry.json` comes last.
+        `OutputError`."""
         photographs = [side.path for side in (self.left, self.right) if side.path is not None]
         folder = claim(directory, self.file_names(), photographs)
         notes = list(self.notes)
@@ -100,7 +103,7 @@ class CarryResult:
         atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
         return folder
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> Members:
         """The content of `carry.json`."""
         from zpm2 import __version__
 
@@ -147,7 +150,7 @@ class CarryResult:
             return None
         middle = np.array([[self.right.width / 2, self.right.height / 2]])
         crs, to_world = world
-        return float(np.linalg.norm(meters_between(crs, to_world(middle), to_world(middle + [[1.0, 0.0]]))[0]))
+        return float(np.linalg.norm(meters_between(crs, to_world(middle), to_world(middle + np.array([1.0, 0.0])))[0]))
 
     def _overlay(self, max_width: int) -> NDArray[np.uint8]:
         left, right, matches = list[Polygon](), list[Polygon](), list[PolygonMatch]()
@@ -187,8 +190,5 @@ def _attributes(outcome: Outcome) -> dict[str, object]:
     return {name: plain(value) for name, value in values.items()}
 
 
-def _rings(part: object) -> list[list[list[float]]]:
-    import shapely
-
-    assert isinstance(part, shapely.Polygon)
+def _rings(part: shapely.Polygon) -> list[list[list[float]]]:
     return [shapely.get_coordinates(ring)[:-1].round(3).tolist() for ring in (part.exterior, *part.interiors)]

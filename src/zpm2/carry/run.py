@@ -52,7 +52,8 @@ def carry(
         usable = [k for k, shape in enumerate(shapes) if shape is not None and shape.intersects(box)]
     with timer("load"):
         points = matcher()
-        prompted = None if rigid else _prompted(segmenter(), config)
+        own = None if rigid else segmenter()
+        prompted = None if own is None else _prompted(own, config)
     names = [region.source_id or str(region.row) for region in given]
     chosen = np.array([shapes[k] for k in usable], object)
     chosen_names = [names[k] for k in usable]
@@ -64,7 +65,7 @@ def carry(
     by_row = dict(zip(usable, found, strict=True))
     outcomes = [by_row.get(k, nothing) for k in range(len(given))]
     messages = [*notes, *left.notes, *right.notes, *weights_notes(config.points)]
-    messages += notes_of(prompted) if prompted is not None else []
+    messages += notes_of(own) if own is not None else []
     if not any(outcome.shape is not None for outcome in outcomes):
         messages.append("no region was found in the right photograph")
     warnings, told = split(messages)

@@ -1,4 +1,4 @@
-"""Regions of a photograph of any size: by windows around them, each with the part of the other photograph that shows it."""
+"""Regions of a photograph of any size: by windows, each with the part of the other photograph that shows it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
