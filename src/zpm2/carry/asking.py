@@ -28,17 +28,29 @@ class Expectation:
     place: Bits  # (h, w) where the points put it
     trust: float  # 0..1 in that
     like: NDArray[np.float32]  # (h, w) 0..1, how much it looks like the region
-    weight: float  # 0..1 of the likeness, without that of the place
+    weight: float  # 0..1 in that
 
     @property
-    def strength(self) -> float:
-        """0..1, how much is known at all."""
-        return self.trust + (1 - self.trust) * self.weight
+    def known(self) -> bool:
+        """Whether anything is known at all."""
+        return self.trust + self.weight > 0
 
     def picture(self) -> NDArray[np.float32]:
         """(h, w) 0..1, both together."""
-        rest = (1 - self.trust) * self.weight
-        return np.asarray((self.trust * self.place + rest * self.like) / max(self.trust + rest, 1e-9), np.float32)
+        both = self.trust * self.place + self.weight * self.like
+        return np.asarray(both / max(self.trust + self.weight, 1e-9), np.float32)
+
+
+def agreed(place: Bits, trust: float, like: NDArray[np.float32], weight: float, config: CarryConfig) -> Expectation:
+    """What is expected where the points put a region, with that `trust`, and where it looks like it.
+
+    Points of the background seen through or beside a thing that moves put it where it was. So the trust in them falls
+    as far as the place does not look like the region, and that can be told (`weight`).
+    """
+    both = float(like[place].sum())
+    overlap = both / max(float(like.sum()) + float(place.sum()) - both, 1e-9)
+    doubt = weight * max(0.0, 1 - overlap / config.looks_right)
+    return Expectation(place, trust * (1 - doubt), like, weight)
 
 
 @dataclass(frozen=True, eq=False)

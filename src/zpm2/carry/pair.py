@@ -1,6 +1,7 @@
 """Regions of one photograph in another, both small enough to be seen as a whole."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from zpm2 import geometry
 from zpm2.carry import contest, outcome
-from zpm2.carry.asking import Answers, Expectation, ask
+from zpm2.carry.asking import Answers, Expectation, agreed, ask
 from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.places import Places, Shape, places
@@ -44,15 +45,19 @@ def carry(
     if not near.any():
         return [_outcome(found, k, None, names, size, config.carry) for k in range(len(shapes))]
     view = segmenter.view(images[1])
-    likeness = (
-        _Likeness(segmenter.view(images[0]), view, shapes, config.carry) if _needed(found, near, config.carry) else None
-    )
-    answers: list[Answers] = []
+    likeness = None
+    if isinstance(view, EmbeddedView) and near.any():
+        other = segmenter.view(images[0])
+        assert isinstance(other, EmbeddedView)
+        likeness = _Likeness(other, view, shapes, config.carry)
+    answers, trust = list[Answers](), found.trust.copy()
     for k in range(len(shapes)):
-        expected = _expected(view, found, k, likeness)
+        expected = _expected(view, found, k, likeness, config.carry)
+        trust[k] = expected.trust
         nothing = Answers(MaskPredictions.none(view.size), np.zeros(0))
-        answers.append(ask(view, expected, config.carry) if near[k] and expected.strength > 0 else nothing)
+        answers.append(ask(view, expected, config.carry) if near[k] and expected.known else nothing)
         progress((k + 1) / len(shapes))
+    found = replace(found, trust=trust)
     choices = contest.decide(answers, config.carry)
     outlines = [
         None if choice.row is None else _outline(view, each.masks[np.array([choice.row])], images[1], config)
@@ -77,9 +82,7 @@ def carry(
 class _Likeness:
     """How alike cells of the right photograph and the regions are, and the other way round."""
 
-    def __init__(self, left: PromptedView, right: PromptedView, shapes: Shapes, config: CarryConfig) -> None:
-        assert isinstance(left, EmbeddedView)
-        assert isinstance(right, EmbeddedView)
+    def __init__(self, left: EmbeddedView, right: EmbeddedView, shapes: Shapes, config: CarryConfig) -> None:
         scales = left.embedding_scale, right.embedding_scale
         self.config = config
         self.sides: tuple[Cells, Cells] = cells_of(left.embedding(), right.embedding(), scales)
@@ -103,11 +106,6 @@ class _Likeness:
         return float(np.average(back.ravel() >= 0.5, weights=self.shares[k]))
 
 
-def _needed(found: Places, near: NDArray[np.bool_], config: CarryConfig) -> bool:
-    """Whether points alone do not tell the place of some region."""
-    return bool((found.trust[near] < config.trusted).any())
-
-
 def _is_outside(found: Places, k: int, size: tuple[int, int], config: CarryConfig) -> bool:
     place = found.shapes[k]
     return bool(
@@ -115,11 +113,13 @@ def _is_outside(found: Places, k: int, size: tuple[int, int], config: CarryConfi
     )
 
 
-def _expected(view: PromptedView, found: Places, k: int, likeness: _Likeness | None) -> Expectation:
+def _expected(
+    view: PromptedView, found: Places, k: int, likeness: _Likeness | None, config: CarryConfig
+) -> Expectation:
     place = view.cover(found.shapes[k : k + 1])[0]
     if likeness is None:
         return Expectation(place, float(found.trust[k]), np.zeros(view.size, np.float32), 0.0)
-    return Expectation(place, float(found.trust[k]), likeness.picture(k, view.size), likeness.weight(k))
+    return agreed(place, float(found.trust[k]), likeness.picture(k, view.size), likeness.weight(k), config)
 
 
 def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Config) -> Shape | None:
@@ -128,7 +128,7 @@ def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Co
     pieces = trace(fine.bits, fine.x0, fine.y0) if fine.bits.any() else []
     kept = [piece for piece in pieces if piece.area >= config.carry.min_part * pieces[0].area]
     simple = simplify(kept, config.vectorize, 0.0)
-    return shapely.unary_union(simple) if simple else None
+    return shapely.unary_union(simple) if len(simple) else None
 
 
 def _center(view: PromptedView, bits: NDArray[np.bool_], agreement: float) -> tuple[float, float, float]:

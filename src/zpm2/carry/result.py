@@ -28,6 +28,7 @@ from zpm2.model.brief import brief
 from zpm2.photos.geolocation import meters_between, world_of
 from zpm2.photos.reopen import pixels
 from zpm2.polygons.shapes import from_shape
+from zpm2.runtime import package_version
 from zpm2.view.overlay import overlay
 
 SCHEMA, DOCUMENT, PICTURE, SHIFTS = "zpm2-carry/1", "carry.json", "overlay.png", "shifts.geojson"
@@ -105,11 +106,9 @@ class CarryResult:
 
     def to_dict(self) -> Members:
         """The content of `carry.json`."""
-        from zpm2 import __version__
-
         return {
             "schema": SCHEMA,
-            "version": __version__,
+            "version": package_version(),
             "config": dict(self.config),
             "timings": {stage: round(seconds, 4) for stage, seconds in self.timings.items()},
             **{

@@ -34,7 +34,10 @@ class CarryConfig:
     )
     temperature: float = number(0.1, "of the neighbours' weights", unit="cosine", above=True, high=100.0, source=CARRY)
     cells: float = number(
-        4.0, "of the embedding, from which on the likeness of a region counts in full", above=True, source="2 x 2"
+        16.0, "of the embedding, from which on the likeness of a region counts in full", above=True, source="4 x 4"
+    )
+    looks_right: float = share(
+        0.5, "soft IoU of a place with where it looks like the region, from which on there is no doubt", source=CARRY
     )
     min_likeness: float = share(0.2, "of the most alike cell, from which on it is asked there", source=CARRY)
     sure: float = share(0.6, "soft IoU of an answer, from which on no other place is tried", source=CARRY)
