@@ -7,6 +7,7 @@ import PIL.Image
 import pytest
 
 from zpm2 import api, config
+from zpm2.carry.run import _prompted
 from zpm2.cli import app
 from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.rendered import render_scene
@@ -95,8 +96,6 @@ def test_polygons_from_python(demo):
 
 def test_a_segmenter_without_prompts_is_refused(demo):
     with pytest.raises(ConfigError, match="takes no prompts"):
-        from zpm2.carry.run import _prompted
-
         _prompted(object(), config.preset("default"))
 
 
