@@ -19,6 +19,7 @@ from zpm2.global_match import InitialGeometry, initial_geometry, points_with_dat
 from zpm2.model import Image, PointMatches
 from zpm2.polygons.simplify import simplify
 from zpm2.polygons.trace import trace
+from zpm2.polygons.vectorize import without_small_holes
 from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import EmbeddedView, PromptedSegmenter, PromptedView
 
@@ -123,11 +124,12 @@ def _expected(
 
 
 def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Config) -> Shape | None:
-    """The pieces of a mask at the image's resolution, simplified."""
+    """The pieces of a mask at the image's resolution, without specks and pinholes, simplified."""
     (fine,) = view.masks(mask)
     pieces = trace(fine.bits, fine.x0, fine.y0) if fine.bits.any() else []
     kept = [piece for piece in pieces if piece.area >= config.carry.min_part * pieces[0].area]
-    simple = simplify(kept, config.vectorize, 0.0)
+    holes = min(config.segment.min_area, config.carry.min_part * fine.area)
+    simple = simplify([without_small_holes(piece, holes) for piece in kept], config.vectorize, 0.0)
     return shapely.unary_union(simple) if len(simple) else None
 
 
