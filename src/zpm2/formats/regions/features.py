@@ -10,6 +10,7 @@ import shapely
 from zpm2.formats import geojson
 from zpm2.formats.convert import Members
 from zpm2.formats.layer import DEGREES
+from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import as_degrees, check_ground, outlines_of, to_ground, to_pixels
 from zpm2.formats.regions.region import (
     CarriedRegion,
@@ -82,7 +83,7 @@ class Features:
         members["features"] = [
             self._feature(each, shape, crs == WGS84) for each, shape in zip(carried, shapes, strict=True)
         ]
-        geojson.write(path, members)
+        geojson.write(path, plain(members))
         return notes
 
     def _feature(self, each: CarriedRegion, shape: shapely.Geometry | None, degrees: bool) -> Members:
