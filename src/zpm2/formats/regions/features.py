@@ -74,9 +74,10 @@ class Features:
         shapes, crs, notes = outlines_of(carried), None, list[str]()
         if given is not None:
             shapes, crs, notes = to_ground(carried, photograph, degrees=self.parsed.crs is None or code is None)
-        members = {key: value for key, value in self.data.items() if key not in ("bbox", "crs", "features")}
-        image = {"name": name_of(photograph), "width": photograph.width, "height": photograph.height}
+        stale = {"bbox", "crs", "features", "image"} | (set() if crs is None else {"coordinate_frame"})
+        members = {key: value for key, value in self.data.items() if key not in stale}
         if crs is None:
+            image = {"name": name_of(photograph), "width": photograph.width, "height": photograph.height}
             members |= {"crs": None, "image": image}
         elif self.parsed.crs is not None and code is not None:
             members["crs"] = {"type": "name", "properties": {"name": code}}
