@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 GEOPACKAGE = "1.2"  # version of the format; an older GIS warns of newer ones
 NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for the date in a GeoPackage
 GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
+UTC = 100  # GDAL's number of the time zone in which GeoPackages have their times
 MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
 RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that the formats add themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
@@ -282,6 +283,7 @@ def write_layer(
     pyogrio = require_pyogrio()
     body = None if shapes is None else shapely.to_wkb(shapes)
     rows = len(next(iter(table.columns.values()), []))
+    times = [name for name, values in table.columns.items() if values.dtype.kind == "M" and driver == GPKG]
     with warnings.catch_warnings(), _undated(pyogrio), _full_disk_named(path.parent, body, rows):
         warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
         warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
@@ -299,6 +301,7 @@ def write_layer(
             crs=crs,
             encoding="UTF-8",
             append=path.exists(),
+            gdal_tz_offsets={name: np.full(rows, UTC, np.int64) for name in times},
             dataset_options={"VERSION": GEOPACKAGE} if driver == GPKG else {},
             layer_options=dict(options or {}),
         )

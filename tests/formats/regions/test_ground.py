@@ -1,6 +1,8 @@
 """Regions on the ground: reference systems, layers, and what has none."""
 
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from zpm2.formats.regions.outlines import shape_of
 from zpm2.formats.regions.region import CarriedRegion
 from zpm2.formats.regions.registry import open_regions, write_regions
 from zpm2.model import Georeference, Image
+from zpm2.photos.geolocation import between
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 pytest.importorskip("rasterio", reason="extra geo is not installed")
@@ -230,3 +233,46 @@ def test_a_reference_system_without_a_code_is_written_as_degrees(tmp_path: Path)
     data = json.loads((tmp_path / "out" / "regions.geojson").read_text())
     assert "crs" not in data
     assert data["features"][0]["geometry"]["coordinates"][0][0][0] == pytest.approx(9, abs=0.01)
+
+
+def test_times_and_binary_columns(tmp_path: Path) -> None:
+    """A time keeps its zone, which is UTC in a GeoPackage; what no column of ours can hold is said to be left out."""
+    path = tmp_path / "a.gpkg"
+    boxes = shapely.to_wkb(np.array([shapely.box(1, 1, 9, 9)], object))
+    pyogrio.raw.write(path, boxes, [np.array(["2020-01-01T10:00:00.5"], "datetime64[ms]")], ["seen"], driver="GPKG",
+                      geometry_type="Polygon", gdal_tz_offsets={"seen": np.array([100])})  # fmt: skip
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        for (name,) in database.execute("select name from sqlite_master where type = 'trigger'").fetchall():
+            database.execute(f'drop trigger "{name}"')  # they need functions of GDAL
+        database.execute("alter table a add column picture blob")
+        database.execute("update a set picture = x'0102'")
+        database.commit()
+    file = open_regions(path)
+    found = file.read(UNPLACED)
+    assert found.notes == ["a.gpkg: picture (binary) not read, and not written again"]
+    assert found.regions[0].properties == {"seen": "2020-01-01T10:00:00.500"}
+    (tmp_path / "out").mkdir()
+    write_regions(tmp_path / "out", file, [CarriedRegion(found.regions[0], shape_of(found.regions[0]))], UNPLACED)
+    with contextlib.closing(sqlite3.connect(tmp_path / "out" / "regions.gpkg")) as database:
+        assert database.execute("select seen from a").fetchall() == [("2020-01-01T10:00:00.500Z",)]
+
+
+@pytest.mark.parametrize("crs", [None, "EPSG:32632"])
+def test_a_photograph_that_is_placed_by_its_rpc(tmp_path: Path, crs: str | None) -> None:
+    from rasterio.rpc import RPC
+
+    line, sample = [0.0, 0, -1, *[0.0] * 17], [0.0, 1, *[0.0] * 18]
+    one = [1.0, *[0.0] * 19]
+    rpc = RPC(0, 1, 47.85, 0.01, one, line, 20, 20, 9, 0.01, one, sample, 30, 30).to_dict()
+    photo = Photo(geo=Georeference(rpc=rpc))
+    degrees = moved(collection(), lambda xy: np.column_stack([9 + (xy[:, 0] - 30) * 0.01 / 30,
+                                                             47.85 - (xy[:, 1] - 20) * 0.01 / 20]))  # fmt: skip
+    data = degrees if crs is None else moved(degrees, lambda xy: between("EPSG:4326", "EPSG:32632", xy)) | {"crs": crs}
+    file = open_regions(write(tmp_path / "a.geojson", data))
+    regions = file.read(photo).regions
+    corners = shapely.get_coordinates(shape_of(regions[0]))
+    assert np.ptp(corners, axis=0) == pytest.approx((17.5, 18.25), abs=0.01)
+    (tmp_path / "out").mkdir()
+    assert write_regions(tmp_path / "out", file, [CarriedRegion(r, shape_of(r)) for r in regions], photo) == []
+    back = open_regions(tmp_path / "out" / "regions.geojson").read(photo).regions
+    assert shape_of(back[0]).symmetric_difference(shape_of(regions[0])).area < 0.05

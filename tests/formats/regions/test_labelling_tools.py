@@ -1,5 +1,6 @@
 """Labelme, CVAT, YOLO and COCO: what they write is understood, and what they cannot mean is refused in one line."""
 
+import base64
 import json
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def test_labelme(tmp_path: Path) -> None:
     assert "imageData" not in given_
 
 
-def test_labelme_writes_no_picture_and_keeps_what_it_does_not_know(tmp_path: Path) -> None:
+def test_labelme_keeps_what_it_does_not_know(tmp_path: Path) -> None:
     file = open_regions(made("Labelme", tmp_path))
     entries = [CarriedRegion(r, shape_of(r)) for r in file.read(PHOTO).regions]
     write_regions(tmp_path, file, entries, Photo("/x/right.png", 70, 50))
@@ -75,6 +76,30 @@ def test_labelme_writes_no_picture_and_keeps_what_it_does_not_know(tmp_path: Pat
     assert (data["version"], data["flags"], data["lineColor"]) == ("5.5.0", {"night": True}, [0, 255, 0])
     assert [s["shape_type"] for s in data["shapes"]] == ["polygon", "polygon", "polygon", "mask"]
     assert data["shapes"][0]["own"] == [1]
+
+
+def test_labelme_finds_the_photograph(tmp_path: Path) -> None:
+    """By its path from the written file, and in the file itself if the given one held its own."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "right.png").write_bytes(b"right")
+    right = Photo(str(tmp_path / "right.png"))
+    for name, content in (("Labelme", base64.b64encode(b"right").decode()), ("without", None)):
+        path = made(name, tmp_path) if content else labelme(tmp_path)
+        write_regions(tmp_path / "out", open_regions(path), [], right)
+        data = json.loads((tmp_path / "out" / "regions.json").read_text())
+        assert (data["imagePath"], data["imageData"]) == ("../right.png", content)
+
+
+def test_text_and_numbers_that_no_file_can_hold(tmp_path: Path) -> None:
+    file = open_regions(labelme(tmp_path, own="\ud800", number=float("nan")))
+    (region,) = file.read(PHOTO).regions
+    attributes = {"confidence": np.float32(0.5), "inside": np.int64(3), "dx": float("nan")}
+    write_regions(tmp_path, file, [CarriedRegion(region, shape_of(region), attributes)], PHOTO)
+    (shape,) = json.loads((tmp_path / "regions.json").read_text())["shapes"]
+    assert (shape["own"], shape["number"]) == ("?", None)
+    assert (shape["zpm2_confidence"], shape["zpm2_inside"], shape["zpm2_dx"]) == (0.5, 3, None)
+    (row,) = json.loads((tmp_path / "regions.zpm2.json").read_text())["regions"]
+    assert (row["confidence"], row["inside"], row["dx"]) == (0.5, 3, None)
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,14 @@ def test_another_photograph_has_its_size_name_and_place(tmp_path: Path, sample: 
         assert close(one, shape_of(region), max(sample.tolerance, 1e-3))
 
 
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda sample: sample.name)
+def test_no_regions_are_a_file_too(tmp_path: Path, sample: Sample) -> None:
+    file = opened(sample, tmp_path / "given")
+    (tmp_path / "out").mkdir()
+    assert write_regions(tmp_path / "out", file, [], sample.photo) == []
+    assert open_regions(tmp_path / "out" / written_names(file)[0]).read(sample.photo).regions == []
+
+
 def test_a_label_image_keeps_its_type_and_colours(tmp_path: Path) -> None:
     for name in ("PNG", "palette", "TIFF", "npy"):
         folder = tmp_path / name

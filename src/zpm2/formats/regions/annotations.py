@@ -90,17 +90,14 @@ class Annotations:
             row = self.data["annotations"][each.region.row]
             members = {key: value for key, value in without_ours(row).items() if key not in PLACES}
             written.append(members | _outline(each.region, row, shape, photograph) | ours(each.attributes))
-        document: object = written
-        if not self.bare:
-            made = {key: value for key, value in self.data.items() if key not in ("images", "image")}
-            if isinstance(self.data.get("image"), dict):
-                made["image"] = self.data["image"] | image
-            else:
-                images = list(objects(self.data.get("images")))
-                chosen = images if len(images) == 1 else [e for e in images if str(e.get("id")) in own]
-                made["images"] = [{"id": next(iter(own.values()), 1)} | (chosen or [{}])[0] | image]
-            document = {key: made[key] for key in self.data if key in made} | made | {"annotations": written}
-        atomic_write(path, json.dumps(document, ensure_ascii=False))
+        document: Members = self.data | {"annotations": written}
+        if isinstance(self.data.get("image"), dict):
+            document["image"] = self.data["image"] | image
+        else:
+            images = list(objects(self.data.get("images")))
+            chosen = images if len(images) == 1 else [e for e in images if str(e.get("id")) in own]
+            document["images"] = [{"id": next(iter(own.values()), 1)} | (chosen or [{}])[0] | image]
+        atomic_write(path, json.dumps(plain(written if self.bare else document), ensure_ascii=False))
         return []
 
     def _entry(self, photograph: Photograph) -> Members:

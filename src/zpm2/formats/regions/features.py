@@ -10,6 +10,7 @@ import shapely
 from zpm2.formats import geojson
 from zpm2.formats.convert import Members
 from zpm2.formats.layer import DEGREES
+from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import as_degrees, check_ground, outlines_of, to_ground, to_pixels
 from zpm2.formats.regions.region import (
     CarriedRegion,
@@ -73,16 +74,17 @@ class Features:
         shapes, crs, notes = outlines_of(carried), None, list[str]()
         if given is not None:
             shapes, crs, notes = to_ground(carried, photograph, degrees=self.parsed.crs is None or code is None)
-        members = {key: value for key, value in self.data.items() if key not in ("bbox", "crs", "features")}
-        image = {"name": name_of(photograph), "width": photograph.width, "height": photograph.height}
+        stale = {"bbox", "crs", "features", "image"} | (set() if crs is None else {"coordinate_frame"})
+        members = {key: value for key, value in self.data.items() if key not in stale}
         if crs is None:
+            image = {"name": name_of(photograph), "width": photograph.width, "height": photograph.height}
             members |= {"crs": None, "image": image}
         elif self.parsed.crs is not None and code is not None:
             members["crs"] = {"type": "name", "properties": {"name": code}}
         members["features"] = [
             self._feature(each, shape, crs == WGS84) for each, shape in zip(carried, shapes, strict=True)
         ]
-        geojson.write(path, members)
+        geojson.write(path, plain(members))
         return notes
 
     def _feature(self, each: CarriedRegion, shape: shapely.Geometry | None, degrees: bool) -> Members:

@@ -5,10 +5,10 @@ orientation, we do not.
 """
 
 import base64
-import binascii
 import io
 import json
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,8 @@ import numpy as np
 import PIL.Image
 
 from zpm2.errors import InputError
+from zpm2.files.photo_paths import photo_reference
+from zpm2.files.reading import read_bytes
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
 from zpm2.formats.convert import Members
@@ -80,16 +82,28 @@ class Labelme:
 
     def write(self, path: Path, carried: Sequence[CarriedRegion], photograph: Photograph) -> list[str]:
         """The same shapes: masks as masks, all others as polygons. Several pieces and holes are joined into one ring
-        (`one_ring`), as Labelme's polygons have neither. `imageData` is null: Labelme then opens `imagePath`."""
+        (`one_ring`), as Labelme's polygons have neither. `imagePath` leads from the written file to the photograph;
+        `imageData` holds its content where the given file held that of the old one."""
         shapes = []
         for each, shape in placed(carried):
             given = self.data["shapes"][each.region.row]
             shapes.append(without_ours(given) | _outline(each.region, shape, photograph) | ours(each.attributes))
-        image = {"imagePath": name_of(photograph), "imageData": None}
+        where = photo_reference(photograph.path, path.parent)["relative_path"] or name_of(photograph)
+        content = _content(photograph) if self.data.get("imageData") else None
         size = {"imageHeight": photograph.height, "imageWidth": photograph.width}
-        document = self.data | {"shapes": shapes} | image | size
-        atomic_write(path, json.dumps(document, ensure_ascii=False, indent=2))
+        document = self.data | {"shapes": shapes, "imagePath": where, "imageData": content} | size
+        atomic_write(path, json.dumps(plain(document), ensure_ascii=False, indent=2))
         return []
+
+
+def _content(photograph: Photograph) -> str | None:
+    """The photograph's file in base64; None where Labelme could not show it."""
+    if photograph.path is None or Path(photograph.path).suffix.lower() not in (".jpg", ".jpeg", ".png"):
+        return None
+    try:
+        return base64.b64encode(read_bytes(Path(photograph.path))).decode("ascii")
+    except OSError:  # moved away
+        return None
 
 
 def is_labelme(data: object) -> bool:
@@ -124,11 +138,12 @@ def _mask(text: object, x0: int, y0: int, name: str, photograph: Photograph) -> 
     try:
         if not isinstance(text, str):
             raise ValueError("it is no text")
-        with PIL.Image.open(io.BytesIO(base64.b64decode(text, validate=True)), formats=["PNG"]) as picture:
+        content = io.BytesIO(base64.b64decode(text, validate=True))
+        with warnings.catch_warnings(action="ignore"), PIL.Image.open(content, formats=["PNG"]) as picture:
             if picture.width > photograph.width or picture.height > photograph.height:
                 raise ValueError("it is larger than the photograph")
             bits = np.asarray(picture.convert("L")) != 0
-    except (*DAMAGE, ValueError, binascii.Error) as error:
+    except (*DAMAGE, PIL.Image.DecompressionBombError) as error:
         raise InputError(f"{name} has a mask that is not a PNG of its crop: write the file anew") from error
     left, top = max(0, -x0), max(0, -y0)
     right, bottom = max(left, photograph.width - x0), max(top, photograph.height - y0)

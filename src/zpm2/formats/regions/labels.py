@@ -52,9 +52,8 @@ class LabelImage:
         Where regions overlap, the smallest is on top. A TIFF has the photograph's georeference (extra `geo`).
         """
         width, height = photograph.width, photograph.height
-        check_memory(width, height, BYTES_PER_PX, f"label image {path}")
-        kind = np.dtype(np.uint8) if self.values.dtype.kind == "b" else self.values.dtype
-        painted = np.zeros((height, width), kind)
+        check_memory(width, height, 2 * self.values.itemsize + 1, f"label image {path}")  # it and its file
+        painted = np.zeros((height, width), self.values.dtype)
         for each, shape in sorted(placed(carried), key=lambda found: -found[1].area):
             mask = pixels_of(shape, photograph)
             rows, columns = mask.bits.shape
@@ -97,7 +96,7 @@ def _tiff(values: Values, photograph: Photograph) -> bytes:
         place["crs"] = photograph.geo.crs
     size = {"width": values.shape[1], "height": values.shape[0], "count": 1, "dtype": values.dtype.name}
     with gdal.settings(), rasterio.MemoryFile() as memory:
-        with memory.open(driver="GTiff", compress="deflate", **size, **place) as file:
+        with memory.open(driver="GTiff", compress="deflate", bigtiff="if_safer", **size, **place) as file:
             file.write(values, 1)
         return bytes(memory.read())
 

@@ -4,7 +4,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.formats.geojson import Rings
 from zpm2.formats.regions.region import GivenRegion, Photograph, Shape
 from zpm2.model import Mask
 from zpm2.polygons.rasterize import rasterize
@@ -85,8 +84,3 @@ def cropped(mask: Mask) -> Mask:
         return Mask(0, 0, np.zeros((0, 0), bool))
     bits = mask.bits[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     return Mask(mask.x0 + int(columns[0]), mask.y0 + int(rows[0]), np.array(bits, order="C"))
-
-
-def rings_from(shape: Shape) -> tuple[Rings, ...]:
-    """A shape as the body of a region."""
-    return tuple([ring[:-1] for ring in rings_of(part)] for part in parts_of(shape))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 from typing import Protocol, TypeAlias
 
+import numpy as np
 import shapely
 
 from zpm2.errors import InputError
@@ -67,7 +68,7 @@ class CarriedRegion:
 
     region: GivenRegion
     shape: Shape | None  # px of the other photograph; None where it is not seen there
-    attributes: Mapping[str, object] = field(default_factory=dict)  # ours, JSON values; written as "zpm2_<name>"
+    attributes: Mapping[str, object] = field(default_factory=dict)  # ours, JSON values or numpy's numbers
 
 
 class RegionFile(Protocol):
@@ -143,7 +144,12 @@ def split_layer(path: str | Path) -> tuple[Path, str | None]:
 
 def ours(attributes: Mapping[str, object]) -> dict[str, object]:
     """Our attributes by the names that files have for them."""
-    return {PREFIX + name: plain(value) for name, value in attributes.items()}
+    return {PREFIX + name: value for name, value in json_values(attributes).items()}
+
+
+def json_values(attributes: Mapping[str, object]) -> dict[str, object]:
+    """Attributes as JSON values; numpy's numbers as Python's."""
+    return {name: plain(value.item() if isinstance(value, np.generic) else value) for name, value in attributes.items()}
 
 
 def without_ours(members: Mapping[str, object]) -> dict[str, object]:

@@ -13,7 +13,7 @@ from zpm2.formats.regions.cvat import open_cvat
 from zpm2.formats.regions.features import open_features
 from zpm2.formats.regions.labelme import Labelme, is_labelme
 from zpm2.formats.regions.labels import open_labels
-from zpm2.formats.regions.region import CarriedRegion, Photograph, RegionFile, name_of, split_layer
+from zpm2.formats.regions.region import CarriedRegion, Photograph, RegionFile, json_values, name_of, split_layer
 from zpm2.formats.regions.vectors import DRIVERS, open_vectors
 from zpm2.formats.regions.yolo import open_yolo
 
@@ -82,7 +82,7 @@ def _table(carried: Sequence[CarriedRegion], photograph: Photograph) -> dict[str
             "id": each.region.source_id,
             "label": each.region.label,
             "written": each.shape is not None and not each.shape.is_empty,
-            **each.attributes,
+            **json_values(each.attributes),
         }
         for each in carried
     ]

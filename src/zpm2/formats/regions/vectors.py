@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,7 @@ class Vectors:
     fields: list[str]
     columns: list[Column]  # (n,) each; numbers with nulls are floats with NaN
     types: list[str]  # numpy's names of the fields' types
+    binary: list[str]  # fields that are left out, as their values are neither numbers nor text
     complete = True
 
     def read(self, photograph: Photograph) -> GivenRegions:
@@ -55,6 +57,8 @@ class Vectors:
             notes.append(f"{self.path.name} has no reference system and no y above 0: read as pixels with y upwards")
         if self.kind.endswith(("Z", "ZM")) or self.kind.startswith("2.5D"):
             notes.append(f"{self.path.name}: heights (z) are not used, and not written again")
+        if self.binary:
+            notes.append(f"{self.path.name}: {', '.join(self.binary)} (binary) not read, and not written again")
         values = [_values(column, kind) for column, kind in zip(self.columns, self.types, strict=True)]
         regions = []
         for row, body in enumerate(bodies):
@@ -155,8 +159,6 @@ class Vectors:
                 values = np.nan_to_num(values).astype(kind)
             columns[field] = values
         added = [ours(each.attributes) for each in carried]
-        if not columns and not added:
-            return gis.Table({}, {})
         return gis.Table(columns, nulls).with_properties(added, self._driver)
 
 
@@ -171,7 +173,7 @@ def open_vectors(path: Path, layer: str | None = None) -> Vectors | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             chosen = _layer(pyogrio.list_layers(file), layer, path)
-            types = [str(kind) for kind in pyogrio.read_info(file, layer=chosen)["dtypes"]]
+            info = pyogrio.read_info(file, layer=chosen)
             meta, fids, wkb, columns = pyogrio.raw.read(file, layer=chosen, force_2d=True, return_fids=True)
             shapes = shapely.from_wkb(wkb, on_invalid="ignore")
     except InputError:
@@ -182,9 +184,13 @@ def open_vectors(path: Path, layer: str | None = None) -> Vectors | None:
     crs = meta["crs"]
     if crs is not None and UNPLACED.match(crs):
         crs = None
-    fields = [str(field) for field in meta["fields"]]
-    kind = str(pyogrio.read_info(file, layer=chosen)["geometry_type"])
-    return Vectors(path, chosen, crs, kind, fids, np.asarray(shapes, object), fields, list(columns), types)
+    names = [str(field) for field in meta["fields"]]
+    types = [str(kind) for kind in info["dtypes"]]
+    held = [not any(isinstance(value, bytes) for value in column) for column in columns]
+    fields, used, kinds = (list(compress(each, held)) for each in (names, columns, types))
+    binary = [name for name in names if name not in fields]
+    shapes, kind = np.asarray(shapes, object), str(info["geometry_type"])
+    return Vectors(path, chosen, crs, kind, fids, shapes, fields, used, kinds, binary)
 
 
 def _is_of_driver(path: Path) -> bool:
@@ -213,10 +219,10 @@ def _layer(listed: NDArray[np.object_], wanted: str | None, path: Path) -> str:
 
 
 def _values(column: Column, kind: str) -> list[object]:
-    """(n,) values of a column of a type as JSON values: dates as text, nothing for binary ones."""
+    """(n,) values of a column of a type as JSON values, dates as text."""
     if column.dtype.kind == "M":
         return [None if np.isnat(value) else str(value) for value in column]
-    values = [None if isinstance(value, bytes) else plain(value) for value in column.tolist()]
+    values = [plain(value) for value in column.tolist()]
     if column.dtype.kind == "f" and np.dtype(kind).kind in "biu":  # there are nulls in it
         whole = bool if kind == "bool" else int
         return [whole(value) if isinstance(value, float) else None for value in values]

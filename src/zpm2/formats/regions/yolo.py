@@ -29,7 +29,7 @@ FOLDERS = 3  # where names are looked for: the file's own and those above
 _YAML_NAMES = re.compile(  # a list on one line, or the lines of a list or of a table
     r"^names:[ \t]*(\[[^\]]*\])?[ \t]*(?:#.*)?$((?:\n(?:[ \t]*-|[ \t]+\d+:|[ \t]*#|[ \t]*$).*)*)", re.MULTILINE
 )
-_LINE = re.compile(r"\d+(\s+[-+\d.eE]+){4,}\s*")
+_LINE = re.compile(r"\d{1,9}(\s+[-+\d.eE]+){4,}\s*")
 
 
 @dataclass(frozen=True, eq=False)
