@@ -14,7 +14,7 @@ from zpm2.carry.result import CarryResult, Side
 from zpm2.config import Config
 from zpm2.errors import ConfigError, InputError
 from zpm2.features import PointMatcher, weights_notes
-from zpm2.formats.regions.outlines import rings_from, shape_of
+from zpm2.formats.regions.outlines import shape_of
 from zpm2.formats.regions.region import GivenRegion, RegionFile
 from zpm2.formats.regions.registry import open_regions
 from zpm2.model import Polygon
@@ -146,7 +146,9 @@ def _of_file(file: RegionFile, left: Source, notes: list[str]) -> list[GivenRegi
 
 def _of_polygons(polygons: Sequence[Polygon]) -> list[GivenRegion]:
     return [
-        GivenRegion(rings_from(each.shape), each.id, str(each.id), each.score, each.label, each.properties, row)
+        GivenRegion(
+            ([each.exterior, *each.holes],), each.id, str(each.id), each.score, each.label, each.properties, row
+        )
         for row, each in enumerate(polygons)
     ]
 

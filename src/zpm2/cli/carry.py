@@ -90,6 +90,7 @@ def carry(
     from zpm2.carry import opened_regions
     from zpm2.files.listing import distinct_stems
     from zpm2.files.record import make_folder
+    from zpm2.formats.regions.region import split_layer
 
     config = configure(
         preset,
@@ -106,7 +107,10 @@ def carry(
     allow_vrt(allowed)
     file = opened_regions(regions)
     folders = distinct_stems(rights)
-    with fresh_folder(out, left, *rights, regions, names=folders), bars(quiet or as_json) as (progress, say):
+    with (
+        fresh_folder(out, left, *rights, split_layer(regions)[0], names=folders),
+        bars(quiet or as_json) as (progress, say),
+    ):
         matcher = api.Matcher(config, progress=progress, say=say)
         found = []
         for folder, right in zip(folders, rights, strict=True):
