@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zpm2 import baselines, estimate, memory
+from zpm2 import carry as carrying
 from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.errors import ConfigError, did_you_mean
@@ -68,6 +69,29 @@ class Matcher:
             smallest = min_areas(sources, self.config)
             run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said)
             return run.result().with_gis_messages()
+
+    def carry(
+        self, left: ImageLike, right: ImageLike, regions: carrying.Regions, *, rigid: bool = False
+    ) -> carrying.CarryResult:
+        """Each given region of the left photograph in the right one: its outline there, or why it has none.
+
+        `regions` is a file that `zpm2 match --left-regions` takes too, or polygons in px of the left photograph. The
+        segmenter snaps outlines to the right photograph; `rigid` only moves the given ones. Photographs of any size.
+        Errors are those of `__call__`, `InputError` for a file without regions, and `ConfigError` for a segmenter that
+        takes no prompts.
+        """
+        opened_file = carrying.opened_regions(regions)
+        limit = memory.within(self.config.max_memory)
+        with self._whole.lock, limit, opened(left, right, self.config.raster) as sources:
+            return carrying.carry(
+                sources,
+                opened_file,
+                self._whole.point_matcher,
+                lambda: self._whole.segmenters()[1],
+                self.config,
+                rigid,
+                self.progress,
+            )
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:
         """Whether a pair is matched in tiles, and a warning where only the memory budget demands it. `InputError` where

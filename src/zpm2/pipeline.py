@@ -138,6 +138,11 @@ class PairMatcher:
         with self.lock:
             return self._regions.load()
 
+    def point_matcher(self) -> PointMatcher:
+        """The point matcher, loaded, for use in another matcher."""
+        with self.lock:
+            return self._load_points()
+
     def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""
         config, polygons = self.config.global_match, found.polygons

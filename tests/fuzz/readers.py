@@ -18,6 +18,7 @@ from dataset_readers import dataset_readers
 from mutate import SIZE
 from own_readers import own_readers
 from rasterio.rpc import RPC
+from region_readers import region_readers
 from samples import Files, Reader, encoded, npy, npz, only, pixels
 
 from zpm2 import config
@@ -26,13 +27,13 @@ from zpm2.cloud.workspace import read_views
 from zpm2.errors import MissingDependency
 from zpm2.formats import cameras, colmap
 from zpm2.formats.maps import read_disparity, read_map
+from zpm2.formats.regions.registry import open_regions
 from zpm2.formats.run_lengths import compressed
 from zpm2.model import Image
 from zpm2.photos import gdal
 from zpm2.photos.images import read_image
 from zpm2.photos.listing import image_size
 from zpm2.photos.source import open_source
-from zpm2.segment.given.region_files import open_regions
 from zpm2.stereo.calibration import read_calibration
 from zpm2.stereo.camera_check import orientation
 from zpm2.stereo.intrinsics import from_exif, read_camera
@@ -176,10 +177,11 @@ def _regions() -> list[Reader]:
         {"a.json": json.dumps(coco).encode()},
         {"a.json": json.dumps(coco["annotations"][:2]).encode()},
     )
-    read = lambda folder: open_regions(only(folder))(image)  # noqa: E731
+    read = lambda folder: open_regions(only(folder)).read(image)  # noqa: E731
     return [
         Reader("regions", samples, read),
         Reader("label image without rasterio", samples[:2], _without_rasterio(read)),
+        *region_readers(),
     ]
 
 

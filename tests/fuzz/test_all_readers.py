@@ -19,6 +19,7 @@ OPENING = (  # of libraries, where they are given a path or its file
     *("open", "fdopen", "memmap", "fromfile", "loadtxt", "genfromtxt", "imread", "is_zipfile", "ZipFile"),
     *("Reconstruction", "infer_camera_from_image", "stereo_fusion", "poisson_meshing", "undistort_images"),
     *("patch_match_stereo", "extract_features", "read_model", "read_dataframe", "read_table", "connect"),
+    "list_layers",
 )
 LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
@@ -36,6 +37,8 @@ NOT_READ = {  # functions in which these names open what no user's file is, and 
     "reconstruct/workspace.py: _fuse": "the same",
     "reconstruct/workspace.py: _mesh": "the same",
     "pose/colmap.py: _write_database": "a database that is written",
+    "formats/regions/labelme.py: _content": "a photograph that was read before, copied as it is",
+    "formats/regions/labels.py: _tiff": "a file in memory that is written",
 }
 
 

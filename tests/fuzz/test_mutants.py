@@ -29,11 +29,11 @@ from zpm2.files.listing import json_file, text
 from zpm2.files.reading import MAX_UNPACKED_BYTES, parse_json, read_array, read_arrays, unpack_gzip
 from zpm2.formats import cameras, colmap
 from zpm2.formats.maps import read_map
+from zpm2.formats.regions.registry import open_regions
 from zpm2.photos import listing
 from zpm2.photos.images import read_image
 from zpm2.photos.source import open_source
 from zpm2.result import MatchResult
-from zpm2.segment.given.region_files import open_regions
 from zpm2.stereo.calibration import read_calibration
 from zpm2.stereo.camera_check import orientation
 from zpm2.stereo.intrinsics import from_exif, read_camera

@@ -17,10 +17,10 @@ from zpm2.errors import InputError
 from zpm2.files.reading import read_bytes
 from zpm2.formats import read_image
 from zpm2.formats.maps import read_map
+from zpm2.formats.regions.labels import open_labels
 from zpm2.photos import pictures
 from zpm2.photos.listing import image_size
 from zpm2.photos.source import open_source
-from zpm2.segment.given.labels import open_labels
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

@@ -10,8 +10,8 @@ import pytest
 from listener import listening
 
 from zpm2.errors import InputError
+from zpm2.formats.regions.labels import open_labels
 from zpm2.photos.source import open_source
-from zpm2.segment.given.labels import open_labels
 
 rasterio = pytest.importorskip("rasterio")
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import cloud, config, demo, doctor, match, models, pose, reconstruct, weights
+from zpm2.cli import carry, cloud, config, demo, doctor, match, models, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of the help; a Typer has sub-commands
     "demo": demo.demo,
     "match": match.match,
+    "carry": carry.carry,
     "pose": pose.pose,
     "reconstruct": reconstruct.reconstruct,
     "cloud": cloud.cloud,

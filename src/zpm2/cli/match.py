@@ -99,7 +99,9 @@ def match(
     left_regions: Annotated[
         Path | None,
         typer.Option(
-            help="Regions of the left photograph: label image, COCO JSON or GeoJSON.", rich_help_panel=REGIONS
+            help="Regions of the left photograph: label image, COCO, GeoJSON, GeoPackage, shapefile, Labelme, CVAT or "
+            "YOLO.",
+            rich_help_panel=REGIONS,
         ),
     ] = None,
     right_regions: Annotated[
@@ -143,13 +145,15 @@ def match(
     """
     from zpm2 import api
     from zpm2.files.record import TILES, remove_own
+    from zpm2.formats.regions.region import split_layer
     from zpm2.formats.saving import file_names
 
     config = configure(preset, config_file, settings, max_memory=max_memory)
     check_formats(formats or [])
     use_weights(weights_dir)
     allow_vrt(allowed)
-    inputs = left, right, left_regions, right_regions
+    regions = [path and split_layer(path)[0] for path in (left_regions, right_regions)]
+    inputs = left, right, *regions
     folder = fresh_folder(out, *inputs, names=file_names(formats or []), kept=TILES)
     with folder, bars(quiet or as_json) as (progress, say):
         result = api.match(

@@ -4,6 +4,7 @@ A field is declared with its meaning, unit, range and source beside it (`fields`
 `zpm2 config list`, written to results, and part of what decides whether an earlier run's files may be taken.
 """
 
+from zpm2.config.carry import CarryConfig
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.global_match import ChanceConfig, GlobalConfig
 from zpm2.config.load import OPTIONS, assign, load, recorded, with_options
@@ -39,6 +40,7 @@ __all__ = [
     "OPTIONS",
     "PRESETS",
     "BlocksConfig",
+    "CarryConfig",
     "CellsConfig",
     "ChanceConfig",
     "CloudConfig",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from zpm2 import memory
+from zpm2.config.carry import CarryConfig
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.fields import check, number, option, rule_of
 from zpm2.config.global_match import GlobalConfig
@@ -44,6 +45,7 @@ class Config:
     stereo: StereoConfig = field(default_factory=StereoConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
+    carry: CarryConfig = field(default_factory=CarryConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     seed: int = number(0, "of everything random")
     device: str = option("auto", "auto, cpu, cuda")

@@ -40,6 +40,25 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
     return [path.relative_to(common).as_posix() for path in whole]
 
 
+def distinct_stems(paths: Sequence[Path]) -> list[str]:
+    """A folder name for each file: its name without the ending; with it, or with a number, where two would be equal.
+
+    >>> distinct_stems([Path("a/1.png"), Path("a/2.png"), Path("b/2.png")])
+    ['1', '2', '2_2']
+    """
+    stems = [path.stem for path in paths]
+    if len(set(stems)) < len(stems) and len({path.name for path in paths}) == len(paths):
+        stems = [path.name.replace(".", "_") for path in paths]
+    found: list[str] = []
+    for stem in stems:
+        name, count = stem, 1
+        while name in found:
+            count += 1
+            name = f"{stem}_{count}"
+        found.append(name)
+    return found
+
+
 def natural(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
     """Sort key that puts scan9 before scan10. Names that only differ in leading zeros are sorted by character."""
     runs = _RUNS.findall(path.name)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from zpm2.formats.convert import Members
 from zpm2.formats.properties import OURS as POLYGONS
 from zpm2.formats.properties import polygon_properties, prefixed
 from zpm2.formats.run_lengths import compressed, run_lengths
@@ -43,7 +44,7 @@ def coco(
             "polygon_id": polygon.id,
             "image_id": 1,
             "category_id": category[_category(polygon)],
-            **_region(mask, width, height),
+            **pixels(mask, width, height),
             "iscrowd": 0,
         }
         for k, (polygon, mask) in enumerate(zip(polygons, masks, strict=True), start=1)
@@ -60,7 +61,8 @@ def _category(polygon: Polygon) -> str:
     return REGION if polygon.label is None else polygon.label
 
 
-def _region(mask: Mask, width: int, height: int) -> dict[str, object]:
+def pixels(mask: Mask, width: int, height: int) -> Members:
+    """The members "bbox", "area" and "segmentation" of an annotation for a mask, cut at the image's border."""
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     bits = mask.bits[top : max(0, height - mask.y0), left : max(0, width - mask.x0)]
     x0, y0 = mask.x0 + left, mask.y0 + top

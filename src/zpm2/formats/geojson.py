@@ -1,6 +1,7 @@
 """Polygons of one photograph as GeoJSON, in pixel coordinates and marked as such."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,11 @@ FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y 
 ID_NAMES = ("id", "fid", "objectid")  # properties in which programs write an id, in upper or lower case
 HIGHEST_SCORE = 1.1  # SAM predicts an IoU slightly above 1 at times
 MAX_COORDINATE = 1e9  # px, no image has a pixel at a larger coordinate
+
+_CODE = re.compile(  # EPSG:25832, urn:ogc:def:crs:EPSG::25832, http://www.opengis.net/def/crs/EPSG/0/25832
+    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?(EPSG|ESRI|IGNF)[:/](?:[\d.]*[:/])?(\w+)"
+)
+_LON_LAT = re.compile(r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?OGC[:/](?:[\d.]*[:/])?CRS84h?")
 
 Rings = list[NDArray[np.float64]]  # exterior first, then holes, each (n, 2) image px, not repeated at the end
 
@@ -41,6 +47,10 @@ class FeatureCollection:
     features: list[Feature]
     size: tuple[int, int] | None  # (width, height) px
     image_name: str | None
+    crs: str | None  # the reference system that the file names, as "EPSG:..." where it is known; None: none
+    crs_name: str | None  # the same by the file's own name
+    in_pixels: bool  # whether the file says that coordinates are px: by our frame or size, or by "crs": null
+    heights: bool  # whether positions have a third number
 
 
 def feature_collection(
@@ -81,8 +91,8 @@ def parse(data: object, source: str) -> FeatureCollection:
     """The features of a parsed GeoJSON FeatureCollection; `source` names the file in messages.
 
     A feature's id stands beside its geometry or among its properties (`ID_NAMES`); "score" and "label" are properties.
-    Raises `InputError` for anything but a FeatureCollection, for a reference system (coordinates must be px), and for
-    wrong coordinates or scores.
+    Coordinates stay in the reference system that the file names. Raises `InputError` for anything but a
+    FeatureCollection, for several reference systems, and for wrong coordinates or scores.
     """
     if (
         not isinstance(data, dict)
@@ -90,7 +100,7 @@ def parse(data: object, source: str) -> FeatureCollection:
         or not isinstance(features := data.get("features"), list)
     ):
         raise InputError(f"{source} is not a GeoJSON FeatureCollection: write its polygons as one")
-    _check_frame([data, *features], source)
+    crs, crs_name = _reference_system(data, features, source)
     ours = data.get("coordinate_frame") == FRAME
     parsed = [_parse_feature(feature, f"feature {k} of {source}", ours) for k, feature in enumerate(features)]
     image = data.get("image")
@@ -98,7 +108,9 @@ def parse(data: object, source: str) -> FeatureCollection:
         image.get(member) if isinstance(image, dict) else None for member in ("width", "height", "name")
     )
     size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
-    return FeatureCollection(parsed, size, name if isinstance(name, str) else None)
+    in_pixels = ours or size is not None or ("crs" in data and crs is None)
+    heights = any(_has_heights(feature) for feature in features)
+    return FeatureCollection(parsed, size, name if isinstance(name, str) else None, crs, crs_name, in_pixels, heights)
 
 
 def ring(values: Sequence[Sequence[float]], name: str) -> NDArray[np.float64]:
@@ -143,6 +155,14 @@ def id_text(value: object) -> str | None:
     return plain(value) if isinstance(value, str) else json.dumps(value if number is None else number)
 
 
+def own_id(feature: Mapping[str, object], properties: Mapping[str, object], otherwise: object = None) -> object:
+    """A feature's id, or else the first of its properties that is one (`ID_NAMES`)."""
+    if feature.get("id") is not None:
+        return feature["id"]
+    named = {key.lower(): value for key, value in reversed(list(properties.items())) if value is not None}
+    return next((named[name] for name in ID_NAMES if name in named), otherwise)
+
+
 def properties(polygon: Polygon, partner: Counterpart | None, unmatched: str | None) -> dict[str, object]:
     """The properties of a polygon's feature: ours, and those of the file that the region came from."""
     return {**polygon_properties(polygon, partner, unmatched), **prefixed(polygon.properties, OURS)}
@@ -166,19 +186,49 @@ def _lines(features: list[object]) -> str:
     return "[\n" + ",\n".join(_dump(feature) for feature in features) + "\n]"
 
 
-def _check_frame(holders: Sequence[object], source: str) -> None:
-    """`InputError` where a collection, a feature or a geometry names a reference system (GeoJSON 2008)."""
-    for holder in holders:
+def _reference_system(
+    data: dict[str, object], features: Sequence[object], source: str
+) -> tuple[str | None, str | None]:
+    """The one that a collection, or else each of its features or their geometries, names (GeoJSON 2008), and its name
+    there."""
+    found: dict[str | None, str | None] = {}
+    for holder in features or [{}]:
         geometry = holder.get("geometry") if isinstance(holder, dict) else None
-        for member in (holder, geometry):
-            crs = member.get("crs") if isinstance(member, dict) else None
-            if crs is not None:
-                named = crs.get("properties") if isinstance(crs, dict) else None
-                name = named.get("name") if isinstance(named, dict) else None
-                raise InputError(
-                    f"{source} is in the reference system {name or json.dumps(crs)}, and regions are in pixels of the "
-                    'photograph: transform its coordinates, or remove "crs" if they are pixels'
-                )
+        members = [member.get("crs") for member in (geometry, holder, data) if isinstance(member, dict)]
+        name = _crs_name(next((member for member in members if member is not None), None))
+        found.setdefault(None if name is None else _crs_code(name), name)
+    if len(found) > 1:
+        names = " and ".join(str(name)[:80] if name else "none" for name in found)
+        raise InputError(f"{source} mixes reference systems, {names}: bring all of its features into one")
+    return next(iter(found.items()))
+
+
+def _crs_name(crs: object) -> str | None:
+    if crs is None or isinstance(crs, str):
+        return crs
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    values = properties if isinstance(properties, dict) else {}
+    if isinstance(crs, dict) and crs.get("type") == "EPSG":
+        return f"EPSG:{values.get('code')}"
+    name = values.get("name")
+    return name if isinstance(name, str) else json.dumps(crs)
+
+
+def _crs_code(name: str) -> str:
+    """A reference system as PROJ names it, if GeoJSON has another name for it. Longitude comes first."""
+    if _LON_LAT.fullmatch(name):
+        return "EPSG:4326"
+    code = _CODE.fullmatch(name)
+    return f"{code[1]}:{code[2]}" if code else name
+
+
+def _has_heights(feature: object) -> bool:
+    """Whether the first position of a feature has a third number."""
+    geometry = feature.get("geometry") if isinstance(feature, dict) else None
+    position = geometry.get("coordinates") if isinstance(geometry, dict) else None
+    while isinstance(position, list) and position and isinstance(position[0], list):
+        position = position[0]
+    return isinstance(position, list) and len(position) > 2
 
 
 def _parse_feature(feature: object, name: str, ours: bool) -> Feature:
@@ -192,22 +242,14 @@ def _parse_feature(feature: object, name: str, ours: bool) -> Feature:
     parts = [coordinates] if kind == "Polygon" else coordinates if kind == "MultiPolygon" else []
     if not isinstance(parts, list) or not all(isinstance(part, list) for part in parts):
         raise InputError(f"{name} has coordinates that are not those of a {kind}: correct the file")
-    label, own_id, source_id = properties.get("label"), _own_id(feature, properties), properties.get("source_id")
+    label, id, source_id = properties.get("label"), own_id(feature, properties), properties.get("source_id")
     others = {key: value for key, value in properties.items() if key not in ("label", "score")}
     return Feature(
         name=name,
         parts=tuple([ring(values, name) for values in part] for part in parts),
-        id=region_id(own_id),
-        source_id=id_text(source_id if ours and source_id is not None else own_id),
+        id=region_id(id),
+        source_id=id_text(source_id if ours and source_id is not None else id),
         score=score(properties.get("score"), name),
         label=None if label is None else plain(str(label)),
         properties=plain(unprefixed(properties, OURS) if ours else others),
     )
-
-
-def _own_id(feature: dict[str, object], properties: dict[str, object]) -> object:
-    """The feature's id, or else the first property that is one."""
-    if feature.get("id") is not None:
-        return feature["id"]
-    named = {key.lower(): value for key, value in reversed(properties.items()) if value is not None}
-    return next((named[name] for name in ID_NAMES if name in named), None)

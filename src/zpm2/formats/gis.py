@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 GEOPACKAGE = "1.2"  # version of the format; an older GIS warns of newer ones
 NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for the date in a GeoPackage
 GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
+UTC = 100  # GDAL's number of the time zone in which GeoPackages have their times
 MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
 RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that the formats add themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
@@ -39,13 +40,18 @@ _SETTING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class Table:
     """Columns of a layer: name -> (n,) values. Null is NaN, None, or where `nulls` (for integers) is true."""
 
     columns: dict[str, NDArray[np.generic]]
     nulls: dict[str, NDArray[np.bool_]]
 
-    def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "_Table":
+    @staticmethod
+    def of(rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
+        """A table with a column for each name in n rows of values."""
+        return Table({}, {}).with_properties(rows, driver)
+
+    def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
         """The table with a column for each property that its n polygons were given with, as many as the format allows.
 
         A name that is taken (formats ignore case) gets a prefix. A shapefile cuts names to 10 bytes; names that become
@@ -63,7 +69,7 @@ class _Table:
                 column = next(short for short in shorts if short.lower() not in taken)
             taken.add(column.lower())
             columns[column], nulls[column] = _column([row.get(name) for row in rows])
-        return _Table(columns, nulls)
+        return Table(columns, nulls)
 
 
 def property_names(rows: Iterable[Mapping[str, object]]) -> list[str]:
@@ -105,12 +111,12 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
     as it was.
     """
     path = Path(path)
-    with _moved_into(path.parent, path) as folder:
+    with moved_into(path.parent, path) as folder:
         temporary = folder / "a.gpkg"
         for layer in (left, right):
             srs = {"SRID": "-1"} if layer.crs is None else {}
-            _write(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
-        _write(temporary, GPKG, "matches", _match_table(matches))
+            write_layer(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
+        write_layer(temporary, GPKG, "matches", _match_table(matches))
         for suffix in LOG_FILES:  # of the old file: SQLite would apply them to the new one
             remove_own(path.with_name(path.name + suffix))
         move_into_place(temporary, path)
@@ -124,18 +130,39 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     the CRS is unknown. The files are moved in when all are complete, and those of an earlier shapefile of that name
     that are not replaced are removed. `OutputError` where it cannot be written.
     """
-    target = Path(folder) / f"{layer.name}.shp"
-    with _moved_into(target.parent, target) as temporary:
-        table = _table(layer, SHAPEFILE)
-        undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
-        _write(temporary / target.name, SHAPEFILE, layer.name, table, world_shapes(layer), layer.crs, undated)
-        for suffix in reversed(SIDE_FILES):  # .shp last
-            part = temporary / f"{layer.name}{suffix}"
-            if part.exists():
-                move_into_place(part, target.with_suffix(suffix))
+    path = Path(folder) / f"{layer.name}.shp"
+    return write_file(path, layer.name, _table(layer, SHAPEFILE), world_shapes(layer), layer.crs)
+
+
+def write_file(
+    path: Path,
+    name: str,
+    table: Table,
+    shapes: NDArray[np.object_],
+    crs: str | None,
+    kind: str = "Polygon",
+    options: Mapping[str, str] | None = None,
+) -> Path:
+    """Writes one layer of geometries of a `kind` (GDAL's name) as a GeoPackage or shapefile, by the path's suffix, in
+    place of an earlier one; returns the path. `OutputError`; `path` then stays as it was."""
+    driver = SHAPEFILE if path.suffix.lower() == ".shp" else GPKG
+    with moved_into(path.parent, path) as folder:
+        part = folder / f"a{path.suffix}"
+        if driver == SHAPEFILE:
+            undated = {"DBF_DATE_LAST_UPDATE": EPOCH}
+            write_layer(part, driver, name, table, shapes, crs, undated, kind)
+            made = {part.with_suffix(suffix): path.with_suffix(suffix) for suffix in reversed(SIDE_FILES)}  # .shp last
+        else:
+            unplaced = {"SRID": "-1"} if crs is None else {}
+            write_layer(part, driver, name, table, shapes, crs, {**unplaced, **(options or {})}, kind)
+            # logs of the old file: SQLite would apply them to the new one
+            made = {Path(f"{part}{suffix}"): Path(f"{path}{suffix}") for suffix in (*LOG_FILES, "")}
+        for each, target in made.items():
+            if each.exists():
+                move_into_place(each, target)
             else:
-                remove_own(target.with_suffix(suffix))
-    return target
+                remove_own(target)
+    return path
 
 
 def messages(layers: Sequence[Layer]) -> list[str]:
@@ -174,7 +201,7 @@ def messages(layers: Sequence[Layer]) -> list[str]:
     return found
 
 
-def _table(layer: Layer, driver: str) -> _Table:
+def _table(layer: Layer, driver: str) -> Table:
     arrays = PolygonArrays(layer.polygons)
     polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
     partners = [layer.match_of.get(id) for id in ids]
@@ -197,10 +224,10 @@ def _table(layer: Layer, driver: str) -> _Table:
     nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
     if any(polygon.source_id is not None for polygon in polygons):
         columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
-    return _Table(columns, nulls).with_properties([polygon.properties for polygon in polygons], driver)
+    return Table(columns, nulls).with_properties([polygon.properties for polygon in polygons], driver)
 
 
-def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
+def _match_table(matches: Sequence[PolygonMatch]) -> Table:
     kinds = {
         "match_id": np.int64,
         "left": np.int64,
@@ -212,7 +239,7 @@ def _match_table(matches: Sequence[PolygonMatch]) -> _Table:
         "overlap": np.float64,
     }
     members = {"match_id": "id"}
-    return _Table(
+    return Table(
         {name: np.array([getattr(m, members.get(name, name)) for m in matches], kind) for name, kind in kinds.items()},
         {},
     )
@@ -239,19 +266,24 @@ def _integers(values: Sequence[int | None]) -> tuple[NDArray[np.int64], NDArray[
     return np.array([value or 0 for value in values], np.int64), null
 
 
-def _write(
+def write_layer(
     path: Path,
     driver: str,
     name: str,
-    table: _Table,
+    table: Table,
     shapes: NDArray[np.object_] | None = None,
     crs: str | None = None,
     options: Mapping[str, str] | None = None,
+    kind: str = "Polygon",
 ) -> None:
-    """One layer into a new file, or added to it; a table without `shapes`. `OSError` where the disk is full."""
+    """One layer of geometries of a `kind` (GDAL's name) into a new file, or added to it; a table without `shapes`.
+
+    `OSError` where the disk is full.
+    """
     pyogrio = require_pyogrio()
     body = None if shapes is None else shapely.to_wkb(shapes)
-    rows = len(next(iter(table.columns.values())))
+    rows = len(next(iter(table.columns.values()), []))
+    times = [name for name, values in table.columns.items() if values.dtype.kind == "M" and driver == GPKG]
     with warnings.catch_warnings(), _undated(pyogrio), _full_disk_named(path.parent, body, rows):
         warnings.filterwarnings("ignore", "'crs' was not provided")  # it is not known
         warnings.filterwarnings("ignore", ".*truncated", RuntimeWarning)  # long text in a shapefile
@@ -264,10 +296,12 @@ def _write(
             [table.nulls.get(column) for column in table.columns],
             layer=name,
             driver=driver,
-            geometry_type=None if shapes is None else "Polygon",
+            geometry_type=None if shapes is None else kind,
+            promote_to_multi=kind.startswith("Multi"),
             crs=crs,
             encoding="UTF-8",
             append=path.exists(),
+            gdal_tz_offsets={name: np.full(rows, UTC, np.int64) for name in times},
             dataset_options={"VERSION": GEOPACKAGE} if driver == GPKG else {},
             layer_options=dict(options or {}),
         )
@@ -303,7 +337,7 @@ def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) 
 
 
 @contextlib.contextmanager
-def _moved_into(parent: Path, target: Path) -> Iterator[Path]:
+def moved_into(parent: Path, target: Path) -> Iterator[Path]:
     """A temporary folder in `parent` for files that will become `target`; always removed at the end.
 
     `OutputError` where the system or GDAL cannot write.

@@ -1,12 +1,13 @@
 """A photograph as all stages take it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.model.brief import brief
+from zpm2.model.georeference import Georeference
 
 THIN = 32  # length / width; of a thinner image, a network that sees 1024 px of the length sees less than 32 px across
 
@@ -22,6 +23,7 @@ class Image:
     path: str | None = None
     notes: tuple[str, ...] = ()  # what was done to the pixels: an alpha band dropped, 16 bits stretched, ...
     valid: NDArray[np.bool_] | None = None  # (h, w) False where there is no data; None: everywhere
+    geo: Georeference = field(default_factory=Georeference)  # of a photograph that is read as a whole
 
     __repr__ = brief
 

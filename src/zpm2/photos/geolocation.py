@@ -1,6 +1,7 @@
 """From pixels of a raster to longitude and latitude and back: by reference system and transform, or by RPC."""
 
 import math
+import re
 import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.errors import MissingDependency
+from zpm2.errors import InputError, MissingDependency
 from zpm2.model import Georeference
 from zpm2.model.messages import Note
 
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
     from rasterio.rpc import RPC
 
 Array = NDArray[np.float64]
+WGS84 = "EPSG:4326"  # longitude and latitude, here always in this order
 RPC_REACH = 2.0  # how far from their centre RPCs are used, in units of their own scale
 
+_CRS = re.compile(r"(EPSG|ESRI|IGNF|OGC):\w+(\+\w+)?|\s*[A-Z][A-Z_0-9]*\s*[\[(].*", re.DOTALL)  # a code, or WKT
 _SEMI_MAJOR, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # of WGS 84, m
 
 
@@ -37,10 +40,10 @@ class TransformGeolocator:
         self._crs, self._geo = crs, geo
 
     def to_lon_lat(self, points: Array) -> Array:
-        return _wrapped(_warped(self._crs, "EPSG:4326", self._geo.to_world(points)), 0.0)
+        return _wrapped(_warped(self._crs, WGS84, self._geo.to_world(points)), 0.0)
 
     def from_lon_lat(self, degrees: Array) -> Array:
-        return self._geo.to_image(_warped("EPSG:4326", self._crs, degrees))
+        return self._geo.to_image(_warped(WGS84, self._crs, degrees))
 
 
 class RpcGeolocator:
@@ -113,13 +116,67 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
     if not geo.rpc:
         return None
     try:
-        from rasterio.rpc import RPC
+        return WGS84, RpcGeolocator(_rpc_of(geo)).to_lon_lat
     except ImportError as error:
         raise MissingDependency('RPCs need rasterio: pip install "zpm2[geo]"') from error
-    try:
-        return "EPSG:4326", RpcGeolocator(RPC(**geo.rpc)).to_lon_lat
     except (TypeError, ValueError):  # some are missing or not numbers
         return None
+
+
+def from_world(geo: Georeference, crs: str, points: Array) -> Array:
+    """(n, 2) coordinates of any reference system -> (n, 2) px of a photograph for which `world_of` knows a way, NaN
+    beyond its reach.
+
+    x or longitude comes first. By the photograph's own system, or else by its RPCs, at their mean height. `crs` is one
+    that `check_crs` has passed.
+    """
+    if geo.crs is not None and geo.transform is not None:
+        return geo.to_image(between(crs, geo.crs, points))
+    return RpcGeolocator(_rpc_of(geo)).from_lon_lat(between(crs, WGS84, points))
+
+
+def check_crs(crs: str, what: str) -> None:
+    """`InputError` where a text is no reference system that PROJ knows; `what` says whose it is."""
+    try:
+        from rasterio.crs import CRS
+        from rasterio.errors import CRSError
+    except ImportError as error:
+        raise MissingDependency('reference systems need rasterio: pip install "zpm2[geo]"') from error
+    unknown = InputError(f"{what} is in an unknown reference system, {crs[:80]}: transform it to a known one")
+    if not _CRS.fullmatch(crs):  # GDAL would also accept URLs and file names
+        raise unknown
+    try:
+        CRS.from_user_input(crs)
+    except CRSError as error:
+        raise unknown from error
+
+
+def between(source: str, target: str, points: Array) -> Array:
+    """(n, 2) coordinates of one reference system -> (n, 2) of another, x or longitude first, NaN where it is not
+    defined."""
+    return points if source == target else _warped(source, target, points)
+
+
+def meters_between(crs: str, starts: Array, ends: Array) -> Array:
+    """(n, 2) m from each of n points to another, along the axes of a projected reference system; to the east and to the
+    north on the ellipsoid (WGS 84) where coordinates are longitudes and latitudes. Short distances only."""
+    from rasterio.crs import CRS
+
+    system = CRS.from_user_input(crs)
+    if system.is_projected:
+        return (ends - starts) * float(system.linear_units_factor[1])
+    starts, ends = between(crs, WGS84, starts), between(crs, WGS84, ends)
+    lat = np.radians((starts[:, 1] + ends[:, 1]) / 2)
+    turns = 1 - _ECCENTRICITY_2 * np.sin(lat) ** 2
+    lon_lat = np.radians(np.column_stack([_wrapped(ends - starts, 0.0)[:, 0], ends[:, 1] - starts[:, 1]]))
+    radii = [_SEMI_MAJOR / np.sqrt(turns) * np.cos(lat), _SEMI_MAJOR * (1 - _ECCENTRICITY_2) / turns**1.5]
+    return lon_lat * np.column_stack(radii)
+
+
+def _rpc_of(geo: Georeference) -> "RPC":
+    from rasterio.rpc import RPC
+
+    return RPC(**(geo.rpc or {}))
 
 
 def _crs_text(crs: "CRS | None") -> str | None:

@@ -1,6 +1,7 @@
 """Photographs from a path, an array or a PIL picture as `model.Image`."""
 
 from contextlib import closing
+from dataclasses import replace
 
 from zpm2.config import RasterConfig
 from zpm2.model import Image
@@ -39,7 +40,7 @@ def read_image(source: ImageLike, name: str = "image", config: RasterConfig = DE
 
 
 def whole(source: Source, name: str) -> Image:
-    """All of a photograph at full size; `InputError` above 1 gigapixel."""
+    """All of a photograph at full size, with its georeference; `InputError` above 1 gigapixel."""
     if source.width * source.height > MAX_PIXELS:
         raise checks.too_large(name)
-    return source.read()
+    return replace(source.read(), geo=source.geo)

@@ -33,7 +33,7 @@ def outlines(
     rows, shapes, corners = [], [], []
     for row, mask in enumerate(masks):
         parts = pieces(_cut(mask, size))
-        shape = _without_small_holes(outline_of_piece(parts[0].bits), min_area) if parts else shapely.Polygon()
+        shape = without_small_holes(outline_of_piece(parts[0].bits), min_area) if parts else shapely.Polygon()
         if shape.area >= max(min_area, 1.0):
             rows.append(row)
             shapes.append(shape)
@@ -53,5 +53,6 @@ def _cut(mask: Mask, size: tuple[int, int]) -> Mask:
     return dataclasses.replace(mask, x0=mask.x0 + left, y0=mask.y0 + top, bits=mask.bits[top:bottom, left:right])
 
 
-def _without_small_holes(shape: shapely.Polygon, min_area: float) -> shapely.Polygon:
+def without_small_holes(shape: shapely.Polygon, min_area: float) -> shapely.Polygon:
+    """The shape, with holes under `min_area` px^2 filled."""
     return shapely.Polygon(shape.exterior, [h for h in shape.interiors if shapely.Polygon(h).area >= min_area])

@@ -48,7 +48,7 @@ def join_regions(
 def given_regions(segmenter: PolygonSource, source: Source, min_area: float) -> StitchedRegions:
     """Regions that the user gave; no tile cuts them."""
     blank = np.broadcast_to(np.zeros(1, np.uint8), (source.height, source.width, 3))
-    polygons = [p for p in segmenter.polygons(Image(blank, source.path)) if p.area >= min_area]
+    polygons = [p for p in segmenter.polygons(Image(blank, source.path, geo=source.geo)) if p.area >= min_area]
     return StitchedRegions(polygons, np.zeros(len(polygons), bool), 0, 0)
 
 

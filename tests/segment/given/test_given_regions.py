@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
+import shapely
 from rendered import Pair, Run
 
 from zpm2 import MatchResult
+from zpm2.model import Georeference
+from zpm2.photos.geolocation import between
 from zpm2.photos.images import read_image
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
@@ -36,7 +39,7 @@ def regions(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
     return found
 
 
-def options(left: Path, right: Path) -> list[str]:
+def options(left: Path | str, right: Path | str) -> list[str]:
     files = ["--left-regions", str(left), "--right-regions", str(right)]
     return ["--segmenter", "precomputed", *files, "--points", "sift", "--device", "cpu"]
 
@@ -102,3 +105,48 @@ def test_nodata_of_label_rasters_is_no_region(run: Run, pair: Pair, tmp_path: Pa
     for side in ("left", "right"):
         rings = [[p.exterior.tolist() for p in getattr(result, side).polygons] for result in (found, plain)]
         assert rings[0] == rings[1]
+
+
+@pytest.mark.parametrize("how", [[], ["--tiles", "on", "--set", "tiles.size=256"]])
+def test_layers_in_another_reference_system(run: Run, pair: Pair, tmp_path: Path, how: list[str]) -> None:
+    """Two layers of one GeoPackage, in another zone than the photographs: the same matches as in pixels."""
+    rasterio = pytest.importorskip("rasterio")
+    photographs, layers, pixels = [], [], []
+    for k, side in enumerate(("left", "right")):
+        image = read_image(getattr(pair, side))
+        place = rasterio.Affine(0.5, 0, 500_000 + 7 * k, 0, -0.5, 5_300_000)
+        photographs.append(tmp_path / f"{side}.tif")
+        size = {"width": image.width, "height": image.height, "count": 3, "dtype": "uint8"}
+        with rasterio.open(photographs[-1], "w", "GTiff", crs="EPSG:32632", transform=place, **size) as file:
+            file.write(np.moveaxis(image.rgb, 2, 0))
+        geo = Georeference("EPSG:32632", np.array(place[:6]).reshape(2, 3))
+        polygons = PrecomputedSegmenter(getattr(pair, f"{side}_regions")).polygons(image)
+        shapes = np.array([polygon.shape for polygon in polygons], object)
+        moved = shapely.transform(shapes, lambda xy, geo=geo: between("EPSG:32632", "EPSG:32633", geo.to_world(xy)))
+        columns = [np.array([f"way/{polygon.source_id}" for polygon in polygons], object)]
+        path = tmp_path / "houses.gpkg"
+        where = {"layer": side, "driver": "GPKG", "geometry_type": "Polygon", "crs": "EPSG:32633"}
+        pyogrio.raw.write(path, shapely.to_wkb(moved), columns, ["osm"], append=path.exists(), **where)
+        layers.append(f"{path}|layername={side}")
+        pixels.append(tmp_path / f"{side}.json")
+        features = [{"type": "Feature", "id": n + 1, "geometry": json.loads(shapely.to_geojson(s)), "properties": {}}
+                    for n, s in enumerate(shapes)]  # fmt: skip
+        pixels[-1].write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": features}))
+    found = []
+    for name, files in (("ground", layers), ("px", pixels)):
+        code, _, err = run("match", *photographs, "-o", tmp_path / name, *options(*files), *how)
+        assert code == 0, err
+        found.append(MatchResult.load(tmp_path / name))
+    ground, px = ([(m.left, m.right) for m in result.matches] for result in found)
+    assert len(px) > 10
+    assert ground == px
+    assert found[0].left.polygons[0].properties["osm"].startswith("way/")
+
+
+def test_an_input_with_a_layer_is_not_written_over(run: Run, pair: Pair, tmp_path: Path) -> None:
+    (tmp_path / "matches.gpkg").write_bytes(b"mine")
+    words = options(f"{tmp_path / 'matches.gpkg'}|layername=left", f"{tmp_path / 'matches.gpkg'}|layername=right")
+    code, _, err = run("match", pair.left, pair.right, "-o", tmp_path, *words, "--format", "gpkg")
+    assert code == 2
+    assert "matches.gpkg" in err
+    assert (tmp_path / "matches.gpkg").read_bytes() == b"mine"

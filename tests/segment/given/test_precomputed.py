@@ -11,11 +11,11 @@ from hypothesis.extra.numpy import arrays
 from zpm2.config import VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
+from zpm2.formats.regions.annotations import decode
 from zpm2.formats.run_lengths import decompressed
 from zpm2.model import Image, Mask
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.given.annotations import decode
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.segment.protocol import PolygonSource
 

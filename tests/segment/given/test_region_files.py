@@ -212,7 +212,7 @@ def test_large_label_images_are_no_bombs(tmp_path, monkeypatch, ending):
 
 def test_a_label_image_beyond_all_measure_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     PIL.Image.fromarray(labels()).save(tmp_path / "a.png")
-    monkeypatch.setattr("zpm2.segment.given.labels.MAX_PIXELS", 1000)
+    monkeypatch.setattr("zpm2.formats.regions.labels.MAX_PIXELS", 1000)
     with pytest.raises(InputError, match="gigapixel: give polygons"):
         source(tmp_path / "a.png")
 
@@ -221,7 +221,7 @@ def test_numbering_does_not_depend_on_the_rows_that_are_numbered_at_a_time(tmp_p
     values = np.random.default_rng(0).choice([0, 3, 500, 70_000], (HEIGHT, WIDTH)).astype(np.int64)
     np.save(tmp_path / "a.npy", values)
     whole = source(tmp_path / "a.npy").segment(IMAGE)
-    monkeypatch.setattr("zpm2.segment.given.labels.CHUNK_PX", 100)
+    monkeypatch.setattr("zpm2.formats.regions.labels.CHUNK_PX", 100)
     parts = source(tmp_path / "a.npy").segment(IMAGE)
     assert [(m.x0, m.y0, m.label, m.bits.tobytes()) for m in whole] == [
         (m.x0, m.y0, m.label, m.bits.tobytes()) for m in parts
@@ -352,7 +352,7 @@ def test_a_reference_system_is_refused_though_the_numbers_fit(tmp_path, crs, nam
         (one if where == "feature" else one["geometry"])["crs"] = crs
     data = collection(one, **({"crs": crs} if where == "collection" else {}))
     with pytest.raises(InputError, match=rf"a\.geojson is in the reference system .*{named}.*remove \"crs\"") as caught:
-        source(write(tmp_path / "a.geojson", data))
+        source(write(tmp_path / "a.geojson", data)).polygons(IMAGE)
     assert "\n" not in str(caught.value)
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from zpm2.errors import InputError
 from zpm2.evaluate.results.areas import AreaMatches, Pieces
 from zpm2.files.reading import read_json
+from zpm2.formats.regions.labels import open_labels
+from zpm2.formats.regions.region import GivenRegion
 from zpm2.model import Image
-from zpm2.segment.given.labels import open_labels
-from zpm2.segment.given.region import GivenRegion
 
 
 def json_of(file: Path) -> object:
@@ -21,7 +21,7 @@ def json_of(file: Path) -> object:
 
 def pixels_of_labels(file: Path, image: Image) -> list[GivenRegion]:
     """The regions of a label image of the size of `image`, by their numbers; each `body` is a mask."""
-    return open_labels(file)(image).regions
+    return open_labels(file).read(image).regions
 
 
 def tracked(frames: tuple[Mapping[int, tuple[Pieces, float]], Mapping[int, tuple[Pieces, float]]]) -> AreaMatches:

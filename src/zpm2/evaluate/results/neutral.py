@@ -20,10 +20,10 @@ from zpm2.evaluate.results.areas import (
 from zpm2.evaluate.results.files import json_of, pixels_of_labels
 from zpm2.evaluate.results.registry import result_format
 from zpm2.formats.convert import Members
+from zpm2.formats.regions.annotations import decode
+from zpm2.formats.regions.region import GivenRegion
 from zpm2.model import SIDES, Image, Mask
 from zpm2.photos.checks import MAX_PIXELS
-from zpm2.segment.given.annotations import decode
-from zpm2.segment.given.region import GivenRegion
 
 SCHEMA = "zpm2-area-matches/1"
 KINDS = ("box", "polygon", "rle", "mask")

@@ -10,8 +10,8 @@ from zpm2.errors import InputError
 from zpm2.evaluate.results.areas import AreaMatches, Pieces, SizedPair, of_pixels
 from zpm2.evaluate.results.files import pixels_of_labels, tracked
 from zpm2.evaluate.results.registry import result_format
+from zpm2.formats.regions.region import GivenRegion
 from zpm2.model import Image, Mask
-from zpm2.segment.given.region import GivenRegion
 
 
 @result_format("sam2", where="NAME/*.png, two frames, or NAME/OBJECT/*.png")

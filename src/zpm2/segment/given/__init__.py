@@ -1,1 +1,1 @@
-"""Regions given by the user: label images, COCO JSON, GeoJSON, shapefiles."""
+"""Regions given by the user instead of found by a network; `formats.regions` reads their files."""

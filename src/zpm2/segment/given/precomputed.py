@@ -1,4 +1,4 @@
-"""Regions given by the user: a label image, COCO or SAM annotations, or GeoJSON."""
+"""Regions given by the user, in any of the formats of `formats.regions`."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -9,6 +9,8 @@ import shapely
 from zpm2.config import SegmentConfig, VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
+from zpm2.formats.regions.region import GivenRegion, counted, split_layer
+from zpm2.formats.regions.registry import open_regions
 from zpm2.model import Image, Mask, Polygon
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.rasterize import rasterize
@@ -16,8 +18,6 @@ from zpm2.polygons.repair import polygons_in
 from zpm2.polygons.shapes import from_shape
 from zpm2.polygons.trace import pieces
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.given.region import GivenRegion, counted
-from zpm2.segment.given.region_files import open_regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class PrecomputedSegmenter:
     def __init__(
         self, path: str | Path, config: VectorizeConfig | None = None, min_area: float = SegmentConfig().min_area
     ) -> None:
-        self.path = Path(path)
+        self.path, _ = split_layer(path)
         self.config = config or VectorizeConfig()
         self.min_area = min_area
         self.notes: list[str] = []
-        self._read = open_regions(self.path)
+        self._file = open_regions(path)
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions as pixels, one mask per connected piece; of polygons the pixels whose centre lies inside."""
@@ -77,7 +77,7 @@ class PrecomputedSegmenter:
         return with_parents([_named(polygon, id, piece.region) for polygon, id, piece in named], self.config)
 
     def _pieces(self, image: Image) -> list[_Piece]:
-        read = self._read(image)
+        read = self._file.read(image)
         self.notes[:] = read.notes
         if not read.regions:
             raise InputError(f"{self.path} holds no region of the image: give a file with at least one")

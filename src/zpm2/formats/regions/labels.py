@@ -1,6 +1,9 @@
 """Label images: each pixel holds the number of its region, 0 for none."""
 
+import io
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +14,12 @@ from scipy import ndimage
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
 from zpm2.files.reading import read_array, regular
-from zpm2.model import Image, Mask
+from zpm2.files.writing import atomic_write
+from zpm2.formats.regions.outlines import pixels_of
+from zpm2.formats.regions.region import CarriedRegion, GivenRegion, GivenRegions, Photograph, check_size, placed
+from zpm2.model import Mask
 from zpm2.photos import gdal, pictures
 from zpm2.photos.checks import MAX_PIXELS, check_length, check_memory, no_memory
-from zpm2.segment.given.region import GivenRegion, GivenRegions, RegionReader, check_size
 
 Values = NDArray[np.generic]
 Hidden = NDArray[np.bool_] | None  # (h, w) where there is no data, None for nowhere
@@ -23,8 +28,81 @@ BYTES_PER_PX = 16  # bytes a pixel: what is read, where there is no data, and th
 ORIENTATION, NODATA = 274, 42113  # tags of a TIFF
 
 
-def open_labels(path: Path) -> RegionReader:
-    """The regions of a label image, in the order of their numbers.
+@dataclass(frozen=True, eq=False)
+class LabelImage:
+    """A label image."""
+
+    path: Path
+    values: Values  # (h, w) whole numbers
+    notes: list[str]
+    complete = False
+
+    def read(self, photograph: Photograph) -> GivenRegions:
+        """The regions in the order of their numbers."""
+        check_size(str(self.path), (self.values.shape[1], self.values.shape[0]), photograph)
+        return GivenRegions(_regions(self.values), list(self.notes))
+
+    def names(self, stem: str) -> tuple[str, ...]:
+        """One file of the same ending."""
+        return (stem + self.path.suffix.lower(),)
+
+    def write(self, path: Path, carried: Sequence[CarriedRegion], photograph: Photograph) -> list[str]:
+        """A label image of the photograph's size, of the same type and with the same numbers (and colours, in a PNG).
+
+        Where regions overlap, the smallest is on top. A TIFF has the photograph's georeference (extra `geo`).
+        """
+        width, height = photograph.width, photograph.height
+        check_memory(width, height, 2 * self.values.itemsize + 1, f"label image {path}")  # it and its file
+        painted = np.zeros((height, width), self.values.dtype)
+        for each, shape in sorted(placed(carried), key=lambda found: -found[1].area):
+            mask = pixels_of(shape, photograph)
+            rows, columns = mask.bits.shape
+            painted[mask.y0 : mask.y0 + rows, mask.x0 : mask.x0 + columns][mask.bits] = each.region.id or 0
+        atomic_write(path, self._encoded(painted, photograph))
+        return []
+
+    def _encoded(self, painted: Values, photograph: Photograph) -> bytes:
+        out = io.BytesIO()
+        if self.path.suffix.lower() == ".npy":
+            np.save(out, painted)
+        elif self.path.suffix.lower() == ".png":
+            picture = PIL.Image.fromarray(painted.astype(np.uint8 if painted.itemsize == 1 else np.uint16))
+            palette = _palette(self.path) if picture.mode == "L" else None
+            if palette is not None:
+                picture.putpalette(palette)
+            picture.save(out, "PNG")
+        else:
+            try:
+                return _tiff(painted, photograph)
+            except MissingDependency:
+                PIL.Image.fromarray(painted).save(out, "TIFF", compression="tiff_deflate")
+        return out.getvalue()
+
+
+def _palette(path: Path) -> list[int] | None:
+    """The colours of a label image, red, green, blue, red, ..., where it has any."""
+    try:
+        with pictures.looked_at(path) as picture:
+            return picture.getpalette() if picture.mode == "P" else None
+    except pictures.DAMAGE:
+        return None
+
+
+def _tiff(values: Values, photograph: Photograph) -> bytes:
+    rasterio = gdal.require_rasterio()
+    place = {}
+    if photograph.geo.transform is not None:
+        place["transform"] = rasterio.Affine(*photograph.geo.transform.ravel())
+        place["crs"] = photograph.geo.crs
+    size = {"width": values.shape[1], "height": values.shape[0], "count": 1, "dtype": values.dtype.name}
+    with gdal.settings(), rasterio.MemoryFile() as memory:
+        with memory.open(driver="GTiff", compress="deflate", bigtiff="if_safer", **size, **place) as file:
+            file.write(values, 1)
+        return bytes(memory.read())
+
+
+def open_labels(path: Path) -> LabelImage:
+    """A label image, read at once.
 
     Pixels without data (nodata value, mask, transparent) belong to no region. Pixels are in the stored frame, as those
     of photographs are. `InputError` for what is damaged, has several bands or pages, or holds no whole numbers from 0.
@@ -55,11 +133,7 @@ def open_labels(path: Path) -> RegionReader:
     if np.less(values, 0).any():
         raise InputError(f"{what} has values below 0: set them to 0, the background, or declare them as nodata")
 
-    def read(image: Image) -> GivenRegions:
-        check_size(str(path), (values.shape[1], values.shape[0]), image)
-        return GivenRegions(_regions(values), notes)
-
-    return read
+    return LabelImage(path, values, notes)
 
 
 def _regions(labels: Values) -> list[GivenRegion]:
@@ -75,7 +149,7 @@ def _regions(labels: Values) -> list[GivenRegion]:
     regions = []
     for k, (value, (down, across)) in enumerate(zip(values, ndimage.find_objects(numbers), strict=True), start=1):
         mask = Mask(across.start, down.start, numbers[down, across] == k)
-        regions.append(GivenRegion(mask, int(value), str(value), label=str(value)))
+        regions.append(GivenRegion(mask, int(value), str(value), label=str(value), row=k - 1))
     return regions
 
 

@@ -1,0 +1,122 @@
+"""Masks of the right photograph that may be a region of the left one.
+
+What is expected of a region is a picture of probabilities: its shape where the points put it, and its likeness, each by
+its trust. The segmenter is asked there by points and box, and each answer counts by how much it covers of what is
+expected and of nothing else (a soft IoU).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.config import CarryConfig
+from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.protocol import PromptedView
+from zpm2.segment.suppression import boxes
+
+Array = NDArray[np.float64]
+Bits = NDArray[np.bool_]
+FORMS = (1, 3, 6)  # points inside, of the prompts with a box
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What is expected of one region in the right photograph, px of a decoded mask."""
+
+    place: Bits  # (h, w) where the points put it
+    trust: float  # 0..1 in that
+    like: NDArray[np.float32]  # (h, w) 0..1, how much it looks like the region
+    weight: float  # 0..1 in that
+
+    @property
+    def known(self) -> bool:
+        """Whether anything is known at all."""
+        return self.trust + self.weight > 0
+
+    def picture(self) -> NDArray[np.float32]:
+        """(h, w) 0..1, both together."""
+        both = self.trust * self.place + self.weight * self.like
+        return np.asarray(both / max(self.trust + self.weight, 1e-9), np.float32)
+
+
+def agreed(place: Bits, trust: float, like: NDArray[np.float32], weight: float, config: CarryConfig) -> Expectation:
+    """What is expected where the points put a region, with that `trust`, and where it looks like it.
+
+    Points of the background seen through or beside a thing that moves put it where it was. So the trust in them falls
+    as far as the place does not look like the region, and that can be told (`weight`).
+    """
+    both = float(like[place].sum())
+    overlap = both / max(float(like.sum()) + float(place.sum()) - both, 1e-9)
+    doubt = weight * max(0.0, 1 - overlap / config.looks_right)
+    return Expectation(place, trust * (1 - doubt), like, weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Masks for one region, the best first."""
+
+    masks: MaskPredictions
+    agreement: Array  # (n,) 0..1, soft IoU with what is expected
+
+
+def ask(view: PromptedView, expected: Expectation, config: CarryConfig) -> Answers:
+    """The answers for one region: first where the points put it; where that gives nothing good, or they tell nothing,
+    where it looks like the region."""
+    picture = expected.picture()
+    found: list[MaskPredictions] = []
+    if expected.trust >= config.min_trust and expected.place.sum() >= config.min_pixels:
+        found += _asked(view, expected.place, FORMS[:2], False)
+    best = _ranked(view, found, picture, config)
+    enough = len(best.agreement) and best.agreement[0] >= config.sure
+    if not enough and expected.weight > 0 and picture.max() >= config.min_likeness:
+        found += _asked(view, picture >= min(0.5, 0.5 * float(picture.max())), FORMS, True)
+        best = _ranked(view, found, picture, config)
+    return best
+
+
+def _asked(view: PromptedView, core: Bits, forms: tuple[int, ...], alone: bool) -> list[MaskPredictions]:
+    """The masks for `core` (h, w): its box with several points inside, and if `alone` also these without the box."""
+    points = inner_points(core, FORMS[-1] if alone else max(forms))
+    if not len(points):
+        return []
+    x0, y0, x1, y1 = boxes(core[None])[0]
+    box = np.array([(x0, y0), (x1, y1)], np.float64)
+    thresholds, scale = MaskThresholds(0.5, 0.5), view.mask_scale
+    found = []
+    for count in forms:
+        if count <= len(points):
+            prompt = np.concatenate([points[:count], box])[None] / scale
+            found.append(view.predict(Prompts(prompt, np.array([INSIDE] * count + [CORNER, OTHER_CORNER])), thresholds))
+    if alone:
+        found.append(view.predict(Prompts.at(points[:3] / scale), thresholds))
+        if len(points) >= 3:
+            found.append(view.predict(Prompts(points[None, :3] / scale, np.array([INSIDE] * 3)), thresholds))
+    return found
+
+
+def inner_points(core: Bits, most: int) -> Array:
+    """(k, 2) up to `most` points of `core` (h, w), px, far from its outline and from each other."""
+    padded = np.pad(core, 1).view(np.uint8)
+    depth = np.rint(cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] ** 2)
+    rows, columns = np.nonzero(core)
+    room = depth[rows, columns].astype(np.float64)
+    found: list[tuple[float, float]] = []
+    while len(found) < most and len(room) and room.max() > 0:
+        k = int(room.argmax())
+        found.append((columns[k] + 0.5, rows[k] + 0.5))
+        room = np.minimum(room, ((columns - columns[k]) ** 2 + (rows - rows[k]) ** 2) / 4)
+    return np.array(found).reshape(-1, 2)
+
+
+def _ranked(
+    view: PromptedView, found: list[MaskPredictions], picture: NDArray[np.float32], config: CarryConfig
+) -> Answers:
+    masks = MaskPredictions.join([MaskPredictions.none(view.size), *found])
+    bits = masks.bits
+    wanted, covered = picture.sum(dtype=np.float64), np.count_nonzero(bits, axis=(1, 2))
+    both = np.einsum("nhw,hw->n", bits, picture, dtype=np.float64)
+    agreement = both / np.maximum(wanted + covered - both, 1e-9)
+    order = np.argsort(-agreement, kind="stable")[: config.kept]
+    return Answers(masks[order], agreement[order])

@@ -1,0 +1,95 @@
+"""Regions compete for places: one assignment over all, and no pixel for two that shared none."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.carry.asking import Answers
+from zpm2.config import CarryConfig
+from zpm2.global_match import Candidates
+from zpm2.local_match.assignment import assign_optimal
+from zpm2.segment.suppression import boxes, pack
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The answer that a region got, and those that it might have got elsewhere."""
+
+    row: int | None  # of its `Answers`; None: it got no place
+    others: tuple[int, ...]  # rows of answers at other places, the best first
+    lost: int | None  # the region that took its best place, where there is one
+
+
+def decide(answers: Sequence[Answers], config: CarryConfig) -> list[Choice]:
+    """The answer of each region, so that the sum of agreements is the largest and no place is taken twice.
+
+    Masks that overlap by `config.same_place` (IoU) are one place, whoever asked for them.
+    """
+    region = np.repeat(np.arange(len(answers)), [len(each.agreement) for each in answers])
+    row = np.concatenate([np.arange(len(each.agreement)) for each in answers] or [np.zeros(0, np.intp)])
+    agreement = np.concatenate([each.agreement for each in answers] or [np.zeros(0)])
+    good = agreement >= config.min_agreement
+    region, row, agreement = region[good], row[good], agreement[good]
+    if not len(region):
+        return [Choice(None, (), None)] * len(answers)
+    bits = np.concatenate([each.masks.bits[each.agreement >= config.min_agreement] for each in answers])
+    place = _place_of(bits, agreement, config.same_place)
+    order = np.lexsort((-agreement, place, region))
+    _, first = np.unique(np.c_[region, place][order], axis=0, return_index=True)
+    best = order[first]  # of each region at each place, sorted by both
+    region, row, agreement, place = region[best], row[best], agreement[best], place[best]
+    cost = 1 - agreement
+    chosen = assign_optimal(Candidates(region, place), cost, 1 - config.min_agreement + 1e-9)
+    winner = np.full(place.max() + 1, -1)
+    winner[place[chosen]] = region[chosen]
+    found = []
+    for k in range(len(answers)):
+        mine = np.flatnonzero(region == k)
+        mine = mine[np.argsort(-agreement[mine], kind="stable")]
+        own = mine[np.isin(mine, chosen)]
+        elsewhere = tuple(int(row[m]) for m in mine if m not in own)
+        taken_by = int(winner[place[mine[0]]]) if len(mine) else -1
+        lost = taken_by if taken_by not in (-1, k) else None
+        found.append(Choice(int(row[own[0]]) if len(own) else None, elsewhere, lost))
+    return found
+
+
+def _place_of(bits: NDArray[np.bool_], agreement: Array, same: float) -> NDArray[np.int64]:
+    """(n,) the place of each of (n, h, w) masks: that of the best mask that it overlaps by `same`."""
+    packed, box, area = pack(bits), boxes(bits), np.count_nonzero(bits, axis=(1, 2))
+    place = np.full(len(bits), -1, np.int64)
+    for count, k in enumerate(np.argsort(-agreement, kind="stable")):
+        if place[k] >= 0:
+            continue
+        near = (place < 0) & (np.minimum(area, area[k]) > same * np.maximum(area, area[k]))
+        near &= (box[:, :2] < box[k, 2:]).all(1) & (box[k, :2] < box[:, 2:]).all(1)
+        rivals = np.flatnonzero(near)
+        shared = np.bitwise_count(packed[rivals] & packed[k]).sum(1, dtype=np.int64)
+        place[rivals[shared > same * (area[rivals] + area[k] - shared)]] = count
+        place[k] = count
+    return place
+
+
+def disjoint(
+    shapes: NDArray[np.object_], given: NDArray[np.object_], agreement: Array, config: CarryConfig
+) -> NDArray[np.object_]:
+    """(n,) the found shapes, right px, without what two of them share although the `given` ones, left px, did not.
+
+    What is contested goes to the region with the higher `agreement` (n,).
+    """
+    found = shapes.copy()
+    i, j = shapely.STRtree(found).query(found, predicate="intersects")
+    pairs = np.c_[i, j][i < j]
+    common = shapely.area(shapely.intersection(given[pairs[:, 0]], given[pairs[:, 1]]))
+    smaller = np.minimum(shapely.area(given[pairs[:, 0]]), shapely.area(given[pairs[:, 1]]))
+    for a, b in pairs[common <= config.max_shared * smaller].tolist():
+        keeps, gives = (a, b) if agreement[a] >= agreement[b] else (b, a)
+        rest = found[gives].difference(found[keeps])
+        parts = [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon" and part.area > 0]
+        found[gives] = shapely.union_all(parts) if parts else shapely.Polygon()
+    return found

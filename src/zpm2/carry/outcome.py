@@ -1,0 +1,73 @@
+"""What became of a region: its status, how much of it is visible, how sure that is, and the reason in words."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from zpm2.carry.places import Shape
+from zpm2.config import CarryConfig
+
+Status = Literal["found", "in part", "outside", "hidden", "not found"]
+LOGIT = (-4.2, 7.0, 1.2)  # of the confidence: constant, agreement, trust; fitted, docs/carry.md
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One given region in the right photograph."""
+
+    status: Status
+    reason: str
+    shape: Shape | None  # right px; None where it is not seen
+    confidence: float  # 0..1, that the outline covers the region by IoU 0.5; 0 without one
+    visible: float | None  # 0..1, share of the region that is seen; None: unknown
+    agreement: float = 0.0  # 0..1, soft IoU with what was expected
+    trust: float = 0.0  # 0..1, in the place by points
+    points: int = 0  # homologous points in the region that agree on it
+    place: tuple[float, float] | None = None  # px, where its centre is, or should be
+    sigma: float | None = None  # px, standard deviation of that place along each axis
+    alternatives: tuple[tuple[float, float, float], ...] = ()  # x, y, agreement of other places
+
+
+def confidence(agreement: float, trust: float) -> float:
+    """0..1 from the agreement of an answer and the trust in its place."""
+    constant, by_agreement, by_trust = LOGIT
+    return float(1 / (1 + np.exp(-(constant + by_agreement * agreement + by_trust * trust))))
+
+
+def inside_share(shape: shapely.Geometry, size: tuple[int, int]) -> float:
+    """0..1 of a shape, px, within a photograph of `size` (width, height) px."""
+    if shape.is_empty:
+        return 0.0
+    return float(shape.intersection(shapely.box(0, 0, *size)).area / shape.area)
+
+
+def missing(
+    place: shapely.Geometry, trust: float, size: tuple[int, int], lost: str | None, config: CarryConfig
+) -> tuple[Status, str]:
+    """Status and reason of a region for which no answer was good enough; `lost` names the one that took its place."""
+    within = inside_share(place, size)
+    if trust >= config.min_trust and not place.is_empty and within < config.outside:
+        return "outside", "its place by the points around is outside of the photograph"
+    if lost is not None:
+        return "not found", f"region {lost} fits its only place better"
+    if trust >= config.trusted:
+        return "hidden", "its place is in the photograph, and nothing there has its outline: hidden, changed or gone"
+    if trust >= config.min_trust:
+        return "not found", "few points tell its place, and nothing there has its outline"
+    return "not found", "no points tell its place, and nothing looks enough like it"
+
+
+def found(
+    visible: float | None, place: shapely.Geometry, trust: float, size: tuple[int, int], config: CarryConfig
+) -> tuple[Status, str]:
+    """Status and reason of a region with an outline."""
+    by = "points and outline agree" if trust >= config.min_trust else "it looks like the region"
+    if visible is None or visible >= config.whole:
+        return "found", by
+    cut = trust >= config.trusted and inside_share(place, size) < config.whole
+    return (
+        "in part",
+        f"{visible:.0%} of it is visible: {'cut by the border' if cut else 'partly hidden, or seen from the side'}",
+    )

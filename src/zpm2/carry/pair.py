@@ -1,0 +1,215 @@
+"""Regions of one photograph in another, both small enough to be seen as a whole."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2 import geometry
+from zpm2.carry import contest, outcome
+from zpm2.carry.asking import Answers, Expectation, agreed, ask
+from zpm2.carry.likeness import Cells, cells_of, transferred
+from zpm2.carry.outcome import Outcome
+from zpm2.carry.places import Places, Shape, places
+from zpm2.config import CarryConfig, Config
+from zpm2.global_match import InitialGeometry, initial_geometry, points_with_data
+from zpm2.model import Image, PointMatches
+from zpm2.polygons.simplify import simplify
+from zpm2.polygons.trace import trace
+from zpm2.polygons.vectorize import without_small_holes
+from zpm2.segment.predictions import MaskPredictions
+from zpm2.segment.protocol import EmbeddedView, PromptedSegmenter, PromptedView
+
+Array = NDArray[np.float64]
+Shapes = NDArray[np.object_]
+ASKED = 16  # regions whose answers are in memory at the decoder's resolution before the best are chosen
+
+
+def carry(
+    images: tuple[Image, Image],
+    shapes: Shapes,
+    names: Sequence[str],
+    points: PointMatches,
+    segmenter: PromptedSegmenter,
+    config: Config,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Outcome]:
+    """What became of each of (n,) shapes, left px. `names` are what reasons call them; `points` are the pair's."""
+    points = points_with_data(points, images)
+    initial = initial_geometry(points, config.global_match, config.seed)
+    found = places(shapes, initial, config.carry, config.local_match)
+    size = images[1].width, images[1].height
+    near = np.array([not _is_outside(found, k, size, config.carry) for k in range(len(shapes))], bool)
+    if not near.any():
+        return [_outcome(found, k, None, names, size, config.carry) for k in range(len(shapes))]
+    view = segmenter.view(images[1])
+    likeness = None
+    if isinstance(view, EmbeddedView) and near.any():
+        other = segmenter.view(images[0])
+        assert isinstance(other, EmbeddedView)
+        likeness = _Likeness(other, view, shapes, config.carry)
+    answers, trust = list[Answers](), found.trust.copy()
+    for k in range(len(shapes)):
+        expected = _expected(view, found, k, likeness, config.carry)
+        trust[k] = expected.trust
+        nothing = Answers(MaskPredictions.none(view.size), np.zeros(0))
+        answers.append(ask(view, expected, config.carry) if near[k] and expected.known else nothing)
+        progress((k + 1) / len(shapes))
+    found = replace(found, trust=trust)
+    choices = contest.decide(answers, config.carry)
+    outlines = [
+        None if choice.row is None else _outline(view, each.masks[np.array([choice.row])], images[1], config)
+        for each, choice in zip(answers, choices, strict=True)
+    ]
+    rows = [k for k, each in enumerate(outlines) if each is not None]
+    agreement = np.array([answers[k].agreement[choices[k].row] for k in rows])
+    apart = contest.disjoint(np.array([outlines[k] for k in rows], object), shapes[rows], agreement, config.carry)
+    results = []
+    for k, (each, choice) in enumerate(zip(answers, choices, strict=True)):
+        shape = apart[rows.index(k)] if k in rows else None
+        seen = None
+        if shape is not None and not shape.is_empty:
+            visible = _visible(found, k, shape, likeness, config.carry)
+            others = tuple(_center(view, each.masks.bits[row], each.agreement[row]) for row in choice.others)
+            seen = shape, float(each.agreement[choice.row]), visible, others
+        lost = None if choice.lost is None else names[choice.lost]
+        results.append(_outcome(found, k, seen, names, size, config.carry, lost))
+    return results
+
+
+class _Likeness:
+    """How alike cells of the right photograph and the regions are, and the other way round."""
+
+    def __init__(self, left: EmbeddedView, right: EmbeddedView, shapes: Shapes, config: CarryConfig) -> None:
+        scales = left.embedding_scale, right.embedding_scale
+        self.config = config
+        self.sides: tuple[Cells, Cells] = cells_of(left.embedding(), right.embedding(), scales)
+        self.shares = self.sides[0].shares(shapes)
+        self.pictures = transferred(*self.sides, self.shares, config)
+
+    def weight(self, k: int) -> float:
+        """0..1, how much the likeness of region k says: it must fill some cells."""
+        return float(min(1.0, self.shares[k].sum() / self.config.cells))
+
+    def picture(self, k: int, size: tuple[int, int]) -> NDArray[np.float32]:
+        """(h, w) of region k on the pixels of a decoded mask."""
+        cells = self.pictures[k].astype(np.float32)
+        px = -(-max(size) // max(cells.shape))
+        fine = cv2.resize(cells, (cells.shape[1] * px, cells.shape[0] * px), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(fine[: size[0], : size[1]])
+
+    def visible(self, k: int, shape: Shape) -> float:
+        """0..1, the share of region k that looks like something inside the found shape, right px."""
+        back = transferred(self.sides[1], self.sides[0], self.sides[1].shares(np.array([shape], object)), self.config)
+        return float(np.average(back.ravel() >= 0.5, weights=self.shares[k]))
+
+
+def _is_outside(found: Places, k: int, size: tuple[int, int], config: CarryConfig) -> bool:
+    place = found.shapes[k]
+    return bool(
+        found.trust[k] >= config.min_trust and not place.is_empty and outcome.inside_share(place, size) < config.outside
+    )
+
+
+def _expected(
+    view: PromptedView, found: Places, k: int, likeness: _Likeness | None, config: CarryConfig
+) -> Expectation:
+    place = view.cover(found.shapes[k : k + 1])[0]
+    if likeness is None:
+        return Expectation(place, float(found.trust[k]), np.zeros(view.size, np.float32), 0.0)
+    return agreed(place, float(found.trust[k]), likeness.picture(k, view.size), likeness.weight(k), config)
+
+
+def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Config) -> Shape | None:
+    """The pieces of a mask at the image's resolution, without specks and pinholes, simplified."""
+    (fine,) = view.masks(mask)
+    pieces = trace(fine.bits, fine.x0, fine.y0) if fine.bits.any() else []
+    kept = [piece for piece in pieces if piece.area >= config.carry.min_part * pieces[0].area]
+    holes = min(config.segment.min_area, config.carry.min_part * fine.area)
+    simple = simplify([without_small_holes(piece, holes) for piece in kept], config.vectorize, 0.0)
+    return shapely.unary_union(simple) if len(simple) else None
+
+
+def _center(view: PromptedView, bits: NDArray[np.bool_], agreement: float) -> tuple[float, float, float]:
+    """x, y, image px, and the agreement of a mask."""
+    y, x = np.nonzero(bits)
+    return float((x.mean() + 0.5) / view.mask_scale), float((y.mean() + 0.5) / view.mask_scale), float(agreement)
+
+
+def _visible(found: Places, k: int, shape: Shape, likeness: _Likeness | None, config: CarryConfig) -> float | None:
+    place = found.shapes[k]
+    if found.trust[k] >= config.trusted and not place.is_empty:
+        return float(min(1.0, shape.intersection(place).area / place.area))
+    if likeness is not None and likeness.weight(k) >= 1:
+        return likeness.visible(k, shape)
+    return None
+
+
+def _outcome(
+    found: Places,
+    k: int,
+    seen: tuple[Shape, float, float | None, tuple[tuple[float, float, float], ...]] | None,
+    names: Sequence[str],
+    size: tuple[int, int],
+    config: CarryConfig,
+    lost: str | None = None,
+) -> Outcome:
+    trust, place = float(found.trust[k]), found.shapes[k]
+    known = trust >= config.min_trust and not place.is_empty
+    shape, agreement, visible, others = seen or (None, 0.0, None, ())
+    if shape is None:
+        status, reason = outcome.missing(place, trust, size, lost, config)
+        visible = 0.0 if status in ("outside", "hidden") else None
+    else:
+        status, reason = outcome.found(visible, place, trust, size, config)
+    where = place if known else shape
+    center = None if where is None else where.centroid
+    return Outcome(
+        status,
+        reason,
+        shape,
+        outcome.confidence(agreement, trust) if shape is not None else 0.0,
+        visible,
+        agreement,
+        trust,
+        int(found.agreeing[k]),
+        None if center is None else (float(center.x), float(center.y)),
+        float(found.sigma[k]) if known and np.isfinite(found.sigma[k]) else None,
+        others,
+    )
+
+
+def moved_only(
+    images: tuple[Image, Image], shapes: Shapes, points: PointMatches, config: Config, linear: Array | None
+) -> list[Outcome]:
+    """The shapes moved without change of form: by the similarity nearest to their map, or by `linear` (2, 2), that of
+    two georeferences, and the shift that the points tell. No photograph is segmented."""
+    points = points_with_data(points, images)
+    initial: InitialGeometry = initial_geometry(points, config.global_match, config.seed)
+    found, size = places(shapes, initial, config.carry, config.local_match), (images[1].width, images[1].height)
+    results = []
+    for k, shape in enumerate(shapes):
+        trust, place = float(found.trust[k]), found.shapes[k]
+        if place.is_empty or trust < config.carry.min_trust:
+            results.append(_outcome(found, k, None, (), size, config.carry))
+            continue
+        here, there = np.array(shape.centroid.coords[0]), np.array(place.centroid.coords[0])
+        turn = _similarity(found.maps[k], here) if linear is None else linear
+        moved = shapely.transform(shape, lambda xy, turn=turn, here=here, there=there: (xy - here) @ turn.T + there)
+        within = outcome.inside_share(moved, size)
+        if within < config.carry.outside:
+            results.append(_outcome(found, k, None, (), size, config.carry))
+            continue
+        each = _outcome(found, k, (moved, trust, within, ()), (), size, config.carry)
+        results.append(each)
+    return results
+
+
+def _similarity(matrix: Array, at: Array) -> Array:
+    """(2, 2) the rotation and scale nearest to a map around a point."""
+    linear = geometry.homography_jacobian(matrix, at[None])[0]
+    a, b = (linear[0, 0] + linear[1, 1]) / 2, (linear[1, 0] - linear[0, 1]) / 2
+    return np.array([[a, -b], [b, a]])

@@ -1,0 +1,172 @@
+"""Carries the regions of a file, or of a list, from one photograph to others: whole, or by windows."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2 import estimate
+from zpm2.carry import pair, windows
+from zpm2.carry.outcome import Outcome, missing
+from zpm2.carry.result import CarryResult, Side
+from zpm2.config import Config
+from zpm2.errors import ConfigError, InputError
+from zpm2.features import PointMatcher, weights_notes
+from zpm2.formats.regions.outlines import shape_of
+from zpm2.formats.regions.region import GivenRegion, RegionFile
+from zpm2.formats.regions.registry import open_regions
+from zpm2.model import Polygon
+from zpm2.model.messages import split
+from zpm2.photos.images import whole
+from zpm2.photos.source import Source
+from zpm2.runtime import Progress, StageTimer
+from zpm2.segment.protocol import PromptedSegmenter, Segmenter, notes_of
+
+Regions = str | Path | RegionFile | Sequence[Polygon]
+
+
+def opened_regions(regions: Regions) -> RegionFile | Sequence[Polygon]:
+    """The file, opened, or the polygons. `InputError` for a file that holds no regions."""
+    return open_regions(regions) if isinstance(regions, str | Path) else regions
+
+
+def carry(
+    sources: tuple[Source, Source],
+    regions: RegionFile | Sequence[Polygon],
+    matcher: Callable[[], PointMatcher],
+    segmenter: Callable[[], Segmenter],
+    config: Config,
+    rigid: bool,
+    progress: Progress,
+) -> CarryResult:
+    """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`."""
+    timer, notes = StageTimer(progress), list[str]()
+    left, right = sources
+    with timer("read"):
+        file = None if isinstance(regions, Sequence) else regions
+        given = _of_polygons(regions) if isinstance(regions, Sequence) else _of_file(regions, left, notes)
+        shapes = [shape_of(region) for region in given]
+        box = shapely.box(0, 0, left.width, left.height)
+        usable = [k for k, shape in enumerate(shapes) if shape is not None and shape.intersects(box)]
+    with timer("load"):
+        points = matcher()
+        own = None if rigid else segmenter()
+        prompted = None if own is None else _prompted(own, config)
+    names = [region.source_id or str(region.row) for region in given]
+    chosen = np.array([shapes[k] for k in usable], object)
+    chosen_names = [names[k] for k in usable]
+    if max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window:
+        found = _whole(sources, chosen, chosen_names, points, prompted, config, timer)
+    else:
+        found = _by_windows(sources, chosen, chosen_names, points, prompted, config, timer)
+    nothing = Outcome("not found", "it has no area in the left photograph", None, 0.0, None)
+    by_row = dict(zip(usable, found, strict=True))
+    outcomes = [by_row.get(k, nothing) for k in range(len(given))]
+    messages = [*notes, *left.notes, *right.notes, *weights_notes(config.points)]
+    messages += notes_of(own) if own is not None else []
+    if not any(outcome.shape is not None for outcome in outcomes):
+        messages.append("no region was found in the right photograph")
+    warnings, told = split(messages)
+    return CarryResult(
+        Side(left.path, left.width, left.height, left.geo),
+        Side(right.path, right.width, right.height, right.geo),
+        given,
+        shapes,
+        outcomes,
+        config.to_dict(),
+        timer.seconds,
+        warnings,
+        told,
+        file,
+    )
+
+
+def _whole(
+    sources: tuple[Source, Source],
+    shapes: NDArray[np.object_],
+    names: Sequence[str],
+    matcher: PointMatcher,
+    segmenter: PromptedSegmenter | None,
+    config: Config,
+    timer: StageTimer,
+) -> list[Outcome]:
+    estimate.refuse_whole(config, [(source.width, source.height) for source in sources], segmenter is None)
+    with timer("read"):
+        images = whole(sources[0], "left image"), whole(sources[1], "right image")
+    with timer("points"):
+        points = matcher.match(*images)
+    with timer("carry"):
+        if segmenter is None:
+            return pair.moved_only(images, shapes, points, config, _ground_map(sources))
+        return pair.carry(
+            images, shapes, names, points, segmenter, config, lambda share: timer.progress("carry", share)
+        )
+
+
+def _by_windows(
+    sources: tuple[Source, Source],
+    shapes: NDArray[np.object_],
+    names: Sequence[str],
+    matcher: PointMatcher,
+    segmenter: PromptedSegmenter | None,
+    config: Config,
+    timer: StageTimer,
+) -> list[Outcome]:
+    with timer("points"):
+        initial = windows.overview(sources, matcher, config)
+    found: dict[int, Outcome] = {}
+    with timer("carry"):
+        for rows, views in windows.window_pairs(sources, shapes, initial, config):
+            if views is None:
+                size = sources[1].width, sources[1].height
+                unseen = missing(shapely.Polygon(), 0.0, size, None, config.carry)
+                found |= {int(row): Outcome(*unseen, None, 0.0, None) for row in rows}
+                continue
+            images = views.left.image, views.right.image
+            there = windows.to_view(shapes[rows], views.left)
+            points = matcher.match(*images)
+            if segmenter is None:
+                made = pair.moved_only(images, there, points, config, None)
+            else:
+                made = pair.carry(images, there, [names[row] for row in rows], points, segmenter, config)
+            found |= {int(row): windows.from_view(each, views.right) for row, each in zip(rows, made, strict=True)}
+            timer.progress("carry", len(found) / len(shapes))
+    return [found[k] for k in range(len(shapes))]
+
+
+def _of_file(file: RegionFile, left: Source, notes: list[str]) -> list[GivenRegion]:
+    read = file.read(left)
+    notes += read.notes
+    if not read.regions:
+        raise InputError(f"{file.path} holds no region of the left photograph: give a file with at least one")
+    return read.regions
+
+
+def _of_polygons(polygons: Sequence[Polygon]) -> list[GivenRegion]:
+    return [
+        GivenRegion(
+            ([each.exterior, *each.holes],), each.id, str(each.id), each.score, each.label, each.properties, row
+        )
+        for row, each in enumerate(polygons)
+    ]
+
+
+def _prompted(segmenter: Segmenter, config: Config) -> PromptedSegmenter:
+    if not isinstance(segmenter, PromptedSegmenter):
+        raise ConfigError(
+            f"segmenter '{config.segment.model}' takes no prompts, so it cannot look for a region: use mobile_sam, or "
+            "--rigid, which only moves outlines"
+        )
+    return segmenter
+
+
+def _ground_map(sources: tuple[Source, Source]) -> NDArray[np.float64] | None:
+    """(2, 2) from left to right px by two affine georeferences of one reference system; None where they have none."""
+    left, right = (source.geo for source in sources)
+    if not (left.located and right.located and left.crs == right.crs):
+        return None
+    assert left.transform is not None
+    assert right.transform is not None
+    return np.asarray(np.linalg.inv(right.transform[:, :2]) @ left.transform[:, :2])

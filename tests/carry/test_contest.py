@@ -1,0 +1,63 @@
+"""One assignment over all regions and places."""
+
+import numpy as np
+import shapely
+
+from zpm2.carry import contest
+from zpm2.carry.asking import Answers
+from zpm2.config import CarryConfig
+from zpm2.segment.predictions import MaskPredictions
+
+CONFIG = CarryConfig()
+
+
+def answers(*boxes):
+    """Answers of one region: (x0, y0, x1, y1, agreement) each, px of a decoded mask."""
+    logits = np.full((len(boxes), 64, 64), -8, np.float16)
+    for k, (x0, y0, x1, y1, _) in enumerate(boxes):
+        logits[k, y0:y1, x0:x1] = 8
+    ones = np.ones(len(boxes), np.float32)
+    masks = MaskPredictions(np.zeros(len(boxes), np.int64), ones, ones, logits)
+    return Answers(masks, np.array([box[4] for box in boxes], float))
+
+
+A, B = (4, 4, 20, 20), (40, 40, 60, 60)
+
+
+def test_the_sum_of_agreements_decides_and_not_the_order():
+    first = answers((*A, 0.8), (*B, 0.75))
+    second = answers((*A, 0.7))
+    choices = contest.decide([first, second], CONFIG)
+    assert [choice.row for choice in choices] == [1, 0]  # 0.75 + 0.7 is more than 0.8 alone
+    assert choices[0].lost == 1
+    assert choices[0].others == (0,)
+
+
+def test_the_loser_of_its_only_place_learns_to_whom():
+    choices = contest.decide([answers((*A, 0.8)), answers((*A, 0.6))], CONFIG)
+    assert [choice.row for choice in choices] == [0, None]
+    assert choices[1].lost == 0
+
+
+def test_answers_below_the_limit_do_not_count():
+    (choice,) = contest.decide([answers((*A, CONFIG.min_agreement - 0.01))], CONFIG)
+    assert choice.row is None
+    assert choice.others == ()
+
+
+def test_no_answers():
+    nothing = Answers(MaskPredictions.none((64, 64)), np.zeros(0))
+    assert [c.row for c in contest.decide([nothing, nothing], CONFIG)] == [None, None]
+    assert contest.decide([], CONFIG) == []
+
+
+def test_masks_that_overlap_are_one_place():
+    shifted = (5, 4, 21, 20)
+    choices = contest.decide([answers((*A, 0.8)), answers((*shifted, 0.7), (*B, 0.4))], CONFIG)
+    assert [choice.row for choice in choices] == [0, 1]
+
+
+def test_regions_that_overlapped_may_overlap():
+    given = np.array([shapely.box(0, 0, 10, 10), shapely.box(2, 2, 8, 8)], object)
+    found = contest.disjoint(given, given, np.array([0.5, 0.9]), CONFIG)
+    assert [shape.area for shape in found] == [100, 36]
