@@ -15,6 +15,7 @@ from zpm2.config.local_match import (
     LocalConfig,
     OutlineConfig,
     UnmatchedConfig,
+    VisibleConfig,
 )
 from zpm2.config.photos import (
     BlocksConfig,
@@ -66,6 +67,7 @@ __all__ = [
     "TilesConfig",
     "UnmatchedConfig",
     "VectorizeConfig",
+    "VisibleConfig",
     "as_config",
     "assign",
     "choices",

@@ -98,6 +98,24 @@ class ExclusiveConfig:
 
 
 @dataclass(frozen=True)
+class VisibleConfig:
+    """Polygons that a border of a photograph cuts off are compared over what both photographs can show
+    (`polygons.visible`)."""
+
+    on: bool = option(False, "else over all of both", source="paper: off")
+    border: float = share(
+        1 / 256,
+        "of a photograph's longer side, as near as which a polygon touches its border",
+        source="a px of a decoded mask",
+    )
+    min_share: float = share(
+        0.25,
+        "of either polygon that both can show, under which they cannot match",
+        source="of a smaller part the outline says little",
+    )
+
+
+@dataclass(frozen=True)
 class OutlineConfig:
     """Homologous points along two outlines (`local_match.outline`)."""
 
@@ -188,6 +206,7 @@ class LocalConfig:
     homography: HomographyConfig = field(default_factory=HomographyConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     unmatched: UnmatchedConfig = field(default_factory=UnmatchedConfig)
+    visible: VisibleConfig = field(default_factory=VisibleConfig)
     exclusive: ExclusiveConfig = field(default_factory=ExclusiveConfig)
     outline: OutlineConfig = field(default_factory=OutlineConfig)
 
