@@ -98,10 +98,38 @@ def test_an_answer_that_does_not_agree_is_refused():
     views, initial = scene(right_hidden=range(16))
     views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
     views[1].__post_init__()
-    wide = redetection.detect(views, initial, CONFIG)
+    strict = config.assign(CONFIG, ["guided.min_checked_overlap=0.7"])
+    wide = redetection.detect(views, initial, strict)
     assert len(wide.right) == 0
     tolerant = config.assign(CONFIG, ["guided.min_overlap=0.4"])
     assert len(redetection.detect(views, initial, tolerant).right) == 16
+
+
+def test_an_answer_that_agrees_less_must_lead_back():
+    views, initial = scene(right_hidden=range(16))
+    views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
+    views[1].__post_init__()
+    asked = redetection.detect(views, initial, CONFIG)
+    assert len(asked.right) == 16
+    views[0].regions[:] = views[0].regions[:5]  # the left image answers nothing about the others any more
+    views[0].__post_init__()
+    accepted = redetection.accepted_masks(views[1], asked.left, initial.forward(), initial.backward(), CONFIG)
+    assert len(accepted.predictions) == 5
+
+
+def test_a_region_cut_by_the_border_is_found_by_its_visible_part():
+    """The right photograph shows what lies further to the right: 66 px of a region that goes on for 110 px there."""
+    away = np.array([[1, 0, -180.0], [0, 1, 0], [0, 0, 1]])
+    region = shapely.box(190, 60, 300, 160)
+    left = PaintedView(blank(256, 256, 1), [Region(shapely.intersection(region, shapely.box(0, 0, 256, 256)))])
+    right = PaintedView(blank(256, 256, 2), [Region(shapely.transform(region, lambda xy: xy - [180, 0]))])
+    at = np.random.default_rng(0).uniform(0, 256, (600, 2))
+    known = PointMatches(at, geometry.project(away, at), np.ones(600))
+    initial = InitialGeometry(known, np.zeros((3, 3)), away, np.ones(600, bool), np.ones(600, bool))
+    strict = config.assign(CONFIG, ["guided.min_checked_overlap=0.7"])
+    whole = config.assign(strict, ["local_match.visible.on=false"])
+    assert redetection.detect((left, right), initial, whole).right.guided.sum() == 0
+    assert redetection.detect((left, right), initial, strict).right.guided.sum() == 1
 
 
 def test_without_points_the_way_back_must_lead_home():
@@ -131,7 +159,7 @@ def test_what_the_other_image_does_not_show_is_not_asked_about():
     redetection.accepted_masks(views[1], asked, initial.forward(), initial.backward(), CONFIG)
     visible = sum(
         shapely.box(0, 0, 256, 256).intersection(shapely.transform(p.shape, lambda xy: geometry.project(away, xy))).area
-        >= 0.5 * p.area
+        >= CONFIG.guided.min_visible * p.area
         for p in asked.polygons
     )
     assert abs(len(views[1].asked) - before - visible) <= 1

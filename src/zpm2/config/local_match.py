@@ -219,9 +219,9 @@ class GuidedConfig:
         "off", "forward: left polygons in the right image only", source="beyond the paper, docs/method.md"
     )
     min_visible: float = share(
-        0.5,
+        0.25,
         "of a warped polygon's area in the other image, from which on it is a prompt",
-        source="of a smaller part the mask would be another one",
+        source="as `local_match.visible`: of a smaller part the outline says little",
     )
     min_pixels: int = number(
         4,
@@ -234,6 +234,11 @@ class GuidedConfig:
         0.7,
         "IoU of a mask with the warped polygon that it was prompted with",
         source="docs/method.md: higher than a match needs, as the mask was asked for there",
+    )
+    min_checked_overlap: float = share(
+        0.5,
+        "the same, from which on a mask is accepted that leads back to the polygon; `min_overlap`: no such masks",
+        source="as a match is scored",
     )
     min_points: int = number(
         3,

@@ -26,6 +26,7 @@ from zpm2.guided.prior import GuidedPrior
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
+from zpm2.polygons.visible import touched, within_borders
 from zpm2.polygons.warp import warp_by_points
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
@@ -144,16 +145,18 @@ def accepted_masks(
     `there` maps from the regions' image to the view's, `back` the other way. Regions that lie mostly outside the view,
     or cover only a few pixels of a decoded mask, are no prompts (`config.guided`).
     """
-    warped = warp_by_points(PolygonArrays(regions.polygons), *there, config.local_match)
+    polygons = PolygonArrays(regions.polygons)
+    warped = warp_by_points(polygons, *there, config.local_match)
     cover = view.cover(warped.shapes)
     predictions = _predict_in(view, cover, warped.shapes, config)
-    best, overlap = _best(predictions, cover)
-    good = overlap >= config.guided.min_overlap
+    best, overlap = _best(predictions, cover, _shown(view, polygons, warped.maps, regions.view, config))
+    limits = config.guided
+    good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
     best, overlap = best[good], overlap[good]
-    few = warped.own[predictions.prompt[best]] < config.guided.min_points
-    good = ~few
-    returned = _return_overlap(view, predictions[best[few]], regions, back, config)
-    good[few] = returned >= config.guided.min_return_overlap
+    doubtful = (warped.own[predictions.prompt[best]] < limits.min_points) | (overlap < limits.min_overlap)
+    good = ~doubtful
+    returned = _return_overlap(view, predictions[best[doubtful]], regions, back, config)
+    good[doubtful] = returned >= limits.min_return_overlap
     return AcceptedMasks(predictions[best[good]], overlap[good])
 
 
@@ -183,9 +186,13 @@ def _predict_in(
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
-def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
-    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU."""
-    bits, wanted = predictions.bits, target[predictions.prompt]
+def _best(
+    predictions: MaskPredictions, target: NDArray[np.bool_], shown: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], Array]:
+    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU, both over the pixels
+    `shown[prompt]`."""
+    where = shown[predictions.prompt]
+    bits, wanted = predictions.bits & where, target[predictions.prompt] & where
     overlap = (bits & wanted).sum((1, 2)) / np.maximum((bits | wanted).sum((1, 2)), 1)
     order = np.lexsort((-overlap, predictions.prompt))
     _, first = np.unique(predictions.prompt[order], return_index=True)
@@ -201,11 +208,28 @@ def _return_overlap(
     """
     result = np.zeros(len(predictions))
     polygons, rows = _traced(view, predictions, config, 1.0)
-    shapes = warp_by_points(PolygonArrays(polygons), *back, config.local_match).shapes
-    returned = _predict_in(regions.view, regions.view.cover(shapes), shapes, config)
-    best, overlap = _best(returned, regions.predictions[predictions.prompt[rows]].bits)
+    arrays = PolygonArrays(polygons)
+    warped = warp_by_points(arrays, *back, config.local_match)
+    returned = _predict_in(regions.view, regions.view.cover(warped.shapes), warped.shapes, config)
+    target = regions.predictions[predictions.prompt[rows]].bits
+    best, overlap = _best(returned, target, _shown(regions.view, arrays, warped.maps, view, config))
     result[rows[returned.prompt[best]]] = overlap
     return result
+
+
+def _shown(
+    view: PromptedView, polygons: PolygonArrays, maps: Array, own: PromptedView, config: Config
+) -> NDArray[np.bool_]:
+    """(n, h, w) the pixels of `view` that the photograph of the view `own` can show, too, as far as its borders cut off
+    one of its `polygons`, which `maps` warp into `view` (`polygons.visible`)."""
+    limits, size = config.local_match.visible, (own.image.width, own.image.height)
+    shown: NDArray[np.bool_] = np.ones((len(polygons), *view.size), bool)
+    sides = touched(polygons.shapes, size, limits.border)
+    rows = np.flatnonzero(sides.any(1))
+    if limits.on and len(rows):
+        whole = np.full(len(rows), shapely.box(0, 0, view.image.width, view.image.height), object)
+        shown[rows] = view.cover(within_borders(whole, maps[rows], size, sides[rows], polygons.centers[rows]))
+    return shown
 
 
 def _regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:

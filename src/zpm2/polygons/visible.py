@@ -72,4 +72,6 @@ def _half_planes(lines: Array, near: Array, reach: Array) -> Shapes:
     normal = lines[:, :2] / np.maximum(norm, 1e-300)
     foot = near - (normal * near).sum(1, keepdims=True) * normal - lines[:, 2:] / np.maximum(norm, 1e-300) * normal
     along, ahead = reach[:, None] * np.c_[-normal[:, 1], normal[:, 0]], 2 * reach[:, None] * normal
-    return np.asarray(shapely.polygons(np.stack([foot - along, foot + along, foot + along + ahead, foot - along + ahead], 1)))
+    return np.asarray(
+        shapely.polygons(np.stack([foot - along, foot + along, foot + along + ahead, foot - along + ahead], 1))
+    )
