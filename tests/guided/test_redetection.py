@@ -54,7 +54,7 @@ def test_the_second_image_is_asked_about_the_regions_of_the_first():
     assert pair.left.confident.all()
     assert pair.right.confident.all()
     guided_prior = redetection.guided_prior(pair, PolygonArrays(pair.left.polygons), initial, CONFIG)
-    best = [iou(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guided_prior.warped.shapes]
+    best = [iou(np.full(16, s), PolygonArrays(pair.right.polygons).shapes).max() for s in guided_prior.warped[0].shapes]
     assert min(best) > 0.9
 
 

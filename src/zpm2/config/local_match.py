@@ -235,6 +235,9 @@ class GuidedConfig:
         "IoU of a mask with the warped polygon that it was prompted with",
         source="docs/method.md: higher than a match needs, as the mask was asked for there",
     )
+    second_warp: bool = option(
+        True, "regions with few points that find nothing are also asked for where the nearest points lead"
+    )
     min_checked_overlap: float = share(
         0.5,
         "the same, from which on a mask is accepted that leads back to the polygon; `min_overlap`: no such masks",

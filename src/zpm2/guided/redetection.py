@@ -27,7 +27,7 @@ from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
 from zpm2.polygons.visible import touched, within_borders
-from zpm2.polygons.warp import warp_by_points
+from zpm2.polygons.warp import WarpedPolygons, warp_by_nearest, warp_by_points
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
@@ -117,8 +117,10 @@ def redetect(
 def guided_prior(pair: PromptedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
     """What the matcher needs to know about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
-    warped = warp_by_points(polygons, *initial.forward(), config.local_match)
-    return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
+    warped = [warp_by_points(polygons, *initial.forward(), config.local_match)]
+    if config.guided.second_warp:
+        warped.append(warp_by_nearest(polygons, *initial.forward(), config.local_match))
+    return GuidedPrior(tuple(warped), (left.confident, right.confident), (left.guided, right.guided), config.guided)
 
 
 def drop_unconfirmed(
@@ -147,10 +149,32 @@ def accepted_masks(
     """
     polygons = PolygonArrays(regions.polygons)
     warped = warp_by_points(polygons, *there, config.local_match)
-    cover = view.cover(warped.shapes)
+    found = _accepted(view, regions, polygons, warped, np.arange(len(polygons)), back, config)
+    if not config.guided.second_warp:
+        return found
+    again = warped.own < config.local_match.gamma
+    again[found.predictions.prompt] = False
+    other = warp_by_nearest(polygons, *there, config.local_match)
+    more = _accepted(view, regions, polygons, other, np.flatnonzero(again), back, config)
+    both = MaskPredictions.join([found.predictions, more.predictions])
+    return AcceptedMasks(both, np.append(found.overlap, more.overlap))
+
+
+def _accepted(
+    view: PromptedView,
+    regions: ViewRegions,
+    polygons: PolygonArrays,
+    warped: WarpedPolygons,
+    rows: NDArray[np.intp],
+    back: PointsAndH,
+    config: Config,
+) -> AcceptedMasks:
+    """`accepted_masks` of the regions `rows`, where `warped` says that all of them are."""
+    limits = config.guided
+    cover = np.zeros((len(polygons), *view.size), bool)
+    cover[rows] = view.cover(warped.shapes[rows])
     predictions = _predict_in(view, cover, warped.shapes, config)
     best, overlap = _best(predictions, cover, _shown(view, polygons, warped.maps, regions.view, config))
-    limits = config.guided
     good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
     best, overlap = best[good], overlap[good]
     doubtful = (warped.own[predictions.prompt[best]] < limits.min_points) | (overlap < limits.min_overlap)

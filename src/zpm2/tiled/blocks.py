@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.config import Config, GlobalConfig
+from zpm2.config import Config, GlobalConfig, VisibleConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, PriorLocations, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
@@ -146,7 +146,7 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
         shapes = shapely.transform(warped.shapes[rows], lambda xy: _apply(to_view[1], xy))
         guided = pair.guided[0][rows], pair.guided[1][candidate_rows]
         guided_prior = GuidedPrior(
-            WarpedPolygons(maps, shapes, warped.own[rows]),
+            (WarpedPolygons(maps, shapes, warped.own[rows]),),
             (~guided[0], ~guided[1]),
             guided,
             config.guided,
@@ -156,7 +156,8 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
     locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
     problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)
-    return possible_matches(problem, config.local_match)
+    # the views end where the block does, which cuts no polygon off
+    return possible_matches(problem, replace(config.local_match, visible=VisibleConfig(on=False)))
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:
