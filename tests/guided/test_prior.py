@@ -14,7 +14,7 @@ def guided_prior():
     shapes = np.array([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10), shapely.Polygon()], object)
     warped = WarpedPolygons(np.tile(np.eye(3), (3, 1, 1)), shapes, np.zeros(3, np.int64))
     return GuidedPrior(
-        (warped,),
+        warped,
         confident=(np.array([True, False, True]), np.array([True, True, False])),
         guided=(np.array([False, False, True]), np.array([False, True, False])),
         config=CONFIG,

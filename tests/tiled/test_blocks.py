@@ -102,7 +102,7 @@ def whole(given, config):
     if config.guided.direction != "off":
         warped = warp_by_points(given.polygons[0], *initial.forward(), config.local_match)
         confident = tuple(np.ones(len(side), bool) for side in given.polygons)
-        guided_prior = GuidedPrior((warped,), confident, tuple(~each for each in confident), config.guided)
+        guided_prior = GuidedPrior(warped, confident, tuple(~each for each in confident), config.guided)
     problem = MatchProblem(given.images, given.polygons, initial, locations, candidates, guided_prior)
     return match_polygons(problem, config.local_match)
 

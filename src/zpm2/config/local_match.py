@@ -235,8 +235,12 @@ class GuidedConfig:
         "IoU of a mask with the warped polygon that it was prompted with",
         source="docs/method.md: higher than a match needs, as the mask was asked for there",
     )
-    second_warp: bool = option(
-        True, "regions with few points that find nothing are also asked for where the nearest points lead"
+    points: int = number(
+        3,
+        "inside a warped polygon, with which it is asked for again where one found no mask; 1: it is not",
+        low=1,
+        high=100,
+        source="docs/method.md",
     )
     min_checked_overlap: float = share(
         0.5,

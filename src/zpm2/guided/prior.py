@@ -16,15 +16,14 @@ from zpm2.polygons.warp import WarpedPolygons
 class GuidedPrior:
     """What is known about m left and n right polygons before they are matched."""
 
-    warped: tuple[WarpedPolygons, ...]  # the left ones in the right image, by each guess of where they are
+    warped: WarpedPolygons  # the left ones in the right image
     confident: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (m,), (n,) passed `segment`'s thresholds
     guided: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (m,), (n,) found by prompting with the other image's
     config: GuidedConfig
 
     def candidates(self, known: Candidates, right: PolygonArrays) -> Candidates:
         """`known`, and each right polygon that a warped left one touches."""
-        tree = shapely.STRtree(right.shapes)
-        i, j = np.hstack([tree.query(warped.shapes, predicate="intersects") for warped in self.warped])
+        i, j = shapely.STRtree(right.shapes).query(self.warped.shapes, predicate="intersects")
         return Candidates.of(np.append(known.left, i), np.append(known.right, j))
 
     def accepts(

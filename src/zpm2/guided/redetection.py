@@ -27,7 +27,7 @@ from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
 from zpm2.polygons.visible import touched, within_borders
-from zpm2.polygons.warp import WarpedPolygons, warp_by_nearest, warp_by_points
+from zpm2.polygons.warp import warp_by_points
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
@@ -117,10 +117,8 @@ def redetect(
 def guided_prior(pair: PromptedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
     """What the matcher needs to know about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
-    warped = [warp_by_points(polygons, *initial.forward(), config.local_match)]
-    if config.guided.second_warp:
-        warped.append(warp_by_nearest(polygons, *initial.forward(), config.local_match))
-    return GuidedPrior(tuple(warped), (left.confident, right.confident), (left.guided, right.guided), config.guided)
+    warped = warp_by_points(polygons, *initial.forward(), config.local_match)
+    return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
 
 
 def drop_unconfirmed(
@@ -147,66 +145,67 @@ def accepted_masks(
     `there` maps from the regions' image to the view's, `back` the other way. Regions that lie mostly outside the view,
     or cover only a few pixels of a decoded mask, are no prompts (`config.guided`).
     """
+    limits = config.guided
     polygons = PolygonArrays(regions.polygons)
     warped = warp_by_points(polygons, *there, config.local_match)
-    found = _accepted(view, regions, polygons, warped, np.arange(len(polygons)), back, config)
-    if not config.guided.second_warp:
-        return found
-    again = warped.own < config.local_match.gamma
-    again[found.predictions.prompt] = False
-    other = warp_by_nearest(polygons, *there, config.local_match)
-    more = _accepted(view, regions, polygons, other, np.flatnonzero(again), back, config)
-    both = MaskPredictions.join([found.predictions, more.predictions])
-    return AcceptedMasks(both, np.append(found.overlap, more.overlap))
+    cover = view.cover(warped.shapes)
+    shown = _shown(view, polygons, warped.maps, regions.view, config)
+    rows = _prompting(view, cover, warped.shapes, config)
+    found = []
+    for points in sorted({1, limits.points}):  # first the cheap question, which most regions answer
+        predictions = _predict_in(view, cover, rows, points, config)
+        best, overlap = _best(predictions, cover, shown)
+        good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
+        best, overlap = best[good], overlap[good]
+        doubtful = (warped.own[predictions.prompt[best]] < limits.min_points) | (overlap < limits.min_overlap)
+        good = ~doubtful
+        returned = _return_overlap(view, predictions[best[doubtful]], regions, back, config)
+        good[doubtful] = returned >= limits.min_return_overlap
+        found.append(AcceptedMasks(predictions[best[good]], overlap[good]))
+        rows = np.setdiff1d(rows, found[-1].predictions.prompt)
+    return AcceptedMasks(
+        MaskPredictions.join([f.predictions for f in found]), np.concatenate([f.overlap for f in found])
+    )
 
 
-def _accepted(
-    view: PromptedView,
-    regions: ViewRegions,
-    polygons: PolygonArrays,
-    warped: WarpedPolygons,
-    rows: NDArray[np.intp],
-    back: PointsAndH,
-    config: Config,
-) -> AcceptedMasks:
-    """`accepted_masks` of the regions `rows`, where `warped` says that all of them are."""
-    limits = config.guided
-    cover = np.zeros((len(polygons), *view.size), bool)
-    cover[rows] = view.cover(warped.shapes[rows])
-    predictions = _predict_in(view, cover, warped.shapes, config)
-    best, overlap = _best(predictions, cover, _shown(view, polygons, warped.maps, regions.view, config))
-    good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
-    best, overlap = best[good], overlap[good]
-    doubtful = (warped.own[predictions.prompt[best]] < limits.min_points) | (overlap < limits.min_overlap)
-    good = ~doubtful
-    returned = _return_overlap(view, predictions[best[doubtful]], regions, back, config)
-    good[doubtful] = returned >= limits.min_return_overlap
-    return AcceptedMasks(predictions[best[good]], overlap[good])
+def prompts(cover: NDArray[np.bool_], mask_scale: float, points: int = 1) -> Prompts:
+    """For each shape of `cover` (n, h, w), none empty: its box and `points` pixels inside.
 
-
-def prompts(cover: NDArray[np.bool_], mask_scale: float) -> Prompts:
-    """For each shape of `cover` (n, h, w), none empty: its box and the pixel farthest from its outline.
-
-    Of several such pixels, the first one row by row.
+    The first is the pixel farthest from the outline. Each other one is far from those before it, and from the outline
+    by at least half of that: it maximises the lesser of the distance to them and twice the distance to the outline. So
+    they follow the parts of thin and bent shapes. Of equal pixels, the first one row by row.
     """
-    points = np.zeros((len(cover), 3, 2))
+    found = np.zeros((len(cover), points + 2, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
         depth = cv2.distanceTransform(crop, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         squared = np.rint(depth**2)  # whole numbers; OpenCV's last bits depend on where the array lies in memory
-        y, x = np.unravel_index(np.argmax(squared), depth.shape)
-        points[k] = (x0 + x - 0.5, y0 + y - 0.5), (x0, y0), (x1, y1)
-    return Prompts(points / mask_scale, np.array([INSIDE, CORNER, OTHER_CORNER]))
+        apart = value = squared
+        for n in range(points):
+            if value.any():  # else there is no pixel that is no point yet, and the last one counts again
+                y, x = np.unravel_index(np.argmax(value), depth.shape)
+            found[k, n] = x0 + x - 0.5, y0 + y - 0.5
+            to_it = (np.arange(depth.shape[0]) - y)[:, None] ** 2 + (np.arange(depth.shape[1]) - x) ** 2
+            apart = np.minimum(apart, to_it) if n else to_it
+            value = np.minimum(apart, 4 * squared)
+        found[k, points:] = (x0, y0), (x1, y1)
+    return Prompts(found / mask_scale, np.array([INSIDE] * points + [CORNER, OTHER_CORNER]))
+
+
+def _prompting(
+    view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
+) -> NDArray[np.intp]:
+    """The rows of (n,) warped shapes that `view` shows well enough to be asked for; they cover its pixels `cover`."""
+    pixels = cover.sum((1, 2))
+    visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
+    return np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
 
 
 def _predict_in(
-    view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
+    view: PromptedView, cover: NDArray[np.bool_], rows: NDArray[np.intp], points: int, config: Config
 ) -> MaskPredictions:
-    """The masks in `view` for (n,) warped shapes that cover its pixels `cover` (n, h, w); `prompt` are their rows."""
-    pixels = cover.sum((1, 2))
-    visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
-    rows = np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
-    predictions = view.predict(prompts(cover[rows], view.mask_scale), _loose_thresholds(config))
+    """The masks in `view` for the shapes `rows` of `cover` (n, h, w), by so many points each; `prompt` are rows."""
+    predictions = view.predict(prompts(cover[rows], view.mask_scale, points), _loose_thresholds(config))
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
@@ -234,7 +233,9 @@ def _return_overlap(
     polygons, rows = _traced(view, predictions, config, 1.0)
     arrays = PolygonArrays(polygons)
     warped = warp_by_points(arrays, *back, config.local_match)
-    returned = _predict_in(regions.view, regions.view.cover(warped.shapes), warped.shapes, config)
+    cover = regions.view.cover(warped.shapes)
+    asked = _prompting(regions.view, cover, warped.shapes, config)
+    returned = _predict_in(regions.view, cover, asked, 1, config)
     target = regions.predictions[predictions.prompt[rows]].bits
     best, overlap = _best(returned, target, _shown(regions.view, arrays, warped.maps, view, config))
     result[rows[returned.prompt[best]]] = overlap

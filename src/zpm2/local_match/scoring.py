@@ -67,7 +67,8 @@ class CandidateScorer:
         maps = self._maps(pairs, at, dsf, locations)
         found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps)
         agreement = self._agreement(pairs, dsf)
-        for warped in () if self.guided_prior is None else self.guided_prior.warped:  # the most overlap counts
+        if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
+            warped = self.guided_prior.warped
             found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left]))
         near = found.overlap >= config.min_overlap
         if self.guided_prior is not None:

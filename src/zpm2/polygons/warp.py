@@ -41,23 +41,6 @@ def warp_by_points(
     A polygon with at least `config.gamma` points has a homography of its own (3.4.1). With fewer, it moves by the local
     affine part of H and the median shift of its points; without any, by that of the `config.nearest_points` nearest.
     """
-    return _warped(polygons, points, homography, config, False)
-
-
-def warp_by_nearest(
-    polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
-) -> WarpedPolygons:
-    """The same with another guess for polygons with fewer than `config.gamma` points: a homography of their own, too,
-    from their points and the nearest ones around, `config.gamma` in all.
-
-    It is better where H is not the plane that they lie on, and worse where it is and the points are noisy.
-    """
-    return _warped(polygons, points, homography, config, True)
-
-
-def _warped(
-    polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig, borrow: bool
-) -> WarpedPolygons:
     n = len(polygons)
     if n == 0 or len(points) == 0:
         return WarpedPolygons(
@@ -69,10 +52,8 @@ def _warped(
     order = np.lexsort((point, polygon))
     polygon, point = polygon[order], point[order]
     own = np.bincount(polygon, minlength=n)
-    most = max(config.nearest_points, config.gamma) if borrow else config.nearest_points
-    _, nearest = cKDTree(points.left).query(polygons.centers, k=min(most, len(points)))
-    nearest = nearest.reshape(n, -1)
-    near = nearest[:, : config.nearest_points]
+    _, near = cKDTree(points.left).query(polygons.centers, k=min(config.nearest_points, len(points)))
+    near = near.reshape(n, -1)
     without = np.flatnonzero(own == 0)
     polygon = np.append(polygon, np.repeat(without, near.shape[1]))
     point = np.append(point, near[without].ravel())
@@ -80,34 +61,11 @@ def _warped(
     polygon, point = polygon[order], point[order]
     maps = _affine_maps(polygons.centers, points, polygon, point, homography)
     many = own >= config.gamma
-    if borrow and len(points) >= config.gamma:
-        polygon, point = _filled_up(polygon, point, own, nearest, config.gamma)
-        many[:] = True
     if many.any():
         keep = many[polygon]
         renumbered = (np.cumsum(many) - 1)[polygon[keep]]
         maps[many] = local_homography.fit_homographies(points, point[keep], renumbered, maps[many], config.homography)
     return WarpedPolygons(maps, transform_polygons(polygons, np.arange(n), maps), own)
-
-
-def _filled_up(
-    polygon: NDArray[np.int64], point: NDArray[np.int64], own: NDArray[np.int64], nearest: NDArray[np.int64], gamma: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The points of each polygon, and of its `nearest` (n, k) so many that it has `gamma`; sorted by polygon."""
-    n, k = nearest.shape
-    inside = own[polygon] > 0
-    every = np.append(polygon[inside], np.repeat(np.arange(n), k)), np.append(point[inside], nearest.ravel())
-    rank = np.append(np.full(np.count_nonzero(inside), -1), np.tile(np.arange(k), n))
-    order = np.lexsort((rank, every[1], every[0]))
-    polygon, point, rank = every[0][order], every[1][order], rank[order]
-    first = np.ones(len(polygon), bool)
-    first[1:] = (polygon[1:] != polygon[:-1]) | (point[1:] != point[:-1])
-    polygon, point, rank = polygon[first], point[first], rank[first]
-    order = np.lexsort((point, rank, polygon))
-    polygon, point, rank = polygon[order], point[order], rank[order]
-    place = np.arange(len(polygon)) - np.searchsorted(polygon, polygon)
-    keep = (rank < 0) | (place < gamma)
-    return polygon[keep], point[keep]
 
 
 def _affine_maps(

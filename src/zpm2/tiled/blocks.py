@@ -146,7 +146,7 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
         shapes = shapely.transform(warped.shapes[rows], lambda xy: _apply(to_view[1], xy))
         guided = pair.guided[0][rows], pair.guided[1][candidate_rows]
         guided_prior = GuidedPrior(
-            (WarpedPolygons(maps, shapes, warped.own[rows]),),
+            WarpedPolygons(maps, shapes, warped.own[rows]),
             (~guided[0], ~guided[1]),
             guided,
             config.guided,
