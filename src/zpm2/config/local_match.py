@@ -103,6 +103,12 @@ class VisibleConfig:
     (`polygons.visible`)."""
 
     on: bool = option(False, "else over all of both", source="paper: off")
+    min_points: int = number(
+        5,
+        "homologous points in a pair or a polygon, from which on its map is known well enough to cut it",
+        high=10_000,
+        source="four fix a homography, one more confirms it",
+    )
     border: float = share(
         1 / 256,
         "of a photograph's longer side, as near as which a polygon touches its border",

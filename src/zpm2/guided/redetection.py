@@ -27,7 +27,7 @@ from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
 from zpm2.polygons.visible import touched, within_borders
-from zpm2.polygons.warp import warp_by_points
+from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
@@ -149,7 +149,7 @@ def accepted_masks(
     polygons = PolygonArrays(regions.polygons)
     warped = warp_by_points(polygons, *there, config.local_match)
     cover = view.cover(warped.shapes)
-    shown = _shown(view, polygons, warped.maps, regions.view, config)
+    shown = _shown(view, polygons, warped, regions.view, config)
     rows = _prompting(view, cover, warped.shapes, config)
     found = []
     for points in sorted({1, limits.points}):  # first the cheap question, which most regions answer
@@ -237,23 +237,23 @@ def _return_overlap(
     asked = _prompting(regions.view, cover, warped.shapes, config)
     returned = _predict_in(regions.view, cover, asked, 1, config)
     target = regions.predictions[predictions.prompt[rows]].bits
-    best, overlap = _best(returned, target, _shown(regions.view, arrays, warped.maps, view, config))
+    best, overlap = _best(returned, target, _shown(regions.view, arrays, warped, view, config))
     result[rows[returned.prompt[best]]] = overlap
     return result
 
 
 def _shown(
-    view: PromptedView, polygons: PolygonArrays, maps: Array, own: PromptedView, config: Config
+    view: PromptedView, polygons: PolygonArrays, warped: WarpedPolygons, own: PromptedView, config: Config
 ) -> NDArray[np.bool_]:
     """(n, h, w) the pixels of `view` that the photograph of the view `own` can show, too, as far as its borders cut off
-    one of its `polygons`, which `maps` warp into `view` (`polygons.visible`)."""
+    one of its `polygons`, `warped` into `view` by enough points (`polygons.visible`)."""
     limits, size = config.local_match.visible, (own.image.width, own.image.height)
     shown: NDArray[np.bool_] = np.ones((len(polygons), *view.size), bool)
     sides = touched(polygons.shapes, size, limits.border)
-    rows = np.flatnonzero(sides.any(1))
+    rows = np.flatnonzero(sides.any(1) & (warped.own >= limits.min_points))
     if limits.on and len(rows):
         whole = np.full(len(rows), shapely.box(0, 0, view.image.width, view.image.height), object)
-        shown[rows] = view.cover(within_borders(whole, maps[rows], size, sides[rows], polygons.centers[rows]))
+        shown[rows] = view.cover(within_borders(whole, warped.maps[rows], size, sides[rows], polygons.centers[rows]))
     return shown
 
 

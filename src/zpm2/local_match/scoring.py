@@ -65,11 +65,11 @@ class CandidateScorer:
         at = lookup(np.arange(len(self.shared_points.pairs)), self.shared_points.pairs, pairs)
         dsf = np.where(at >= 0, self.shared_points.counts[np.maximum(at, 0)] if len(self.shared_points.pairs) else 0, 0)
         maps = self._maps(pairs, at, dsf, locations)
-        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps)
+        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf)
         agreement = self._agreement(pairs, dsf)
         if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
             warped = self.guided_prior.warped
-            found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left]))
+            found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
         near = found.overlap >= config.min_overlap
         if self.guided_prior is not None:
             near &= self.guided_prior.accepts(pairs, found.overlap, agreement)
@@ -86,18 +86,25 @@ class CandidateScorer:
         """The homologous vertices (k, 2) of each of the pairs `rows`."""
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
 
-    def _overlaps(self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array) -> "_Overlaps":
-        """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or over what both
-        photographs can show (`config.visible`)."""
-        left, right = self.left.shapes[pairs.left], self.right.shapes[pairs.right]
-        own, other, limits = rectified, right, self.config.visible
+    def _overlaps(
+        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64]
+    ) -> "_Overlaps":
+        """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or, with enough shared
+        points, over what both photographs can show (`config.visible`)."""
+        right, limits = self.right.shapes[pairs.right], self.config.visible
+        areas = shapely.area(rectified), shapely.area(right)
+        own, other, visible = rectified.copy(), right.copy(), np.ones(len(pairs))
         if limits.on:
-            sizes = [(image.width, image.height) for image in self.problem.images]
-            own, other = co_visible(rectified, right, maps, left, (sizes[0], sizes[1]), limits.border)
-        areas, parts = (shapely.area(rectified), shapely.area(right)), (shapely.area(own), shapely.area(other))
-        visible = np.min([part / np.maximum(area, 1e-300) for part, area in zip(parts, areas, strict=True)], axis=0)
+            known = np.flatnonzero(dsf >= limits.min_points)
+            first, second = ((image.width, image.height) for image in self.problem.images)
+            left, sizes = self.left.shapes[pairs.left[known]], (first, second)
+            own[known], other[known] = co_visible(
+                rectified[known], right[known], maps[known], left, sizes, limits.border
+            )
+            shares = [shapely.area(part) / np.maximum(a, 1e-300) for part, a in zip((own, other), areas, strict=True)]
+            visible[known] = np.minimum(*shares)[known].clip(0, 1)
         overlap = np.where(visible >= limits.min_share, iou(own, other), 0.0)
-        return _Overlaps(rectified, overlap, shape.area_ratio(*parts), np.minimum(visible, 1.0))
+        return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
 
     def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
         """(c,) 0..1, share of the homologous points inside either polygon that are inside both.
