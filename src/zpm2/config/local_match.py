@@ -250,7 +250,7 @@ class GuidedConfig:
     )
     min_checked_overlap: float = share(
         0.5,
-        "the same, from which on a mask is accepted that leads back to the polygon; `min_overlap`: no such masks",
+        "the same of a mask that leads back to a polygon with `min_points`; at `min_overlap` there are no such masks",
         source="as a match is scored",
     )
     min_points: int = number(

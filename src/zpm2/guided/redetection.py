@@ -157,8 +157,8 @@ def accepted_masks(
         best, overlap = _best(predictions, cover, shown)
         good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
         best, overlap = best[good], overlap[good]
-        doubtful = (warped.own[predictions.prompt[best]] < limits.min_points) | (overlap < limits.min_overlap)
-        good = ~doubtful
+        few, loose = warped.own[predictions.prompt[best]] < limits.min_points, overlap < limits.min_overlap
+        good, doubtful = ~(few | loose), few ^ loose  # both doubts together are too many
         returned = _return_overlap(view, predictions[best[doubtful]], regions, back, config)
         good[doubtful] = returned >= limits.min_return_overlap
         found.append(AcceptedMasks(predictions[best[good]], overlap[good]))
