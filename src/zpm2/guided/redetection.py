@@ -2,8 +2,9 @@
 
 Most matches are lost because the two images are segmented differently. The homologous points warp a polygon of one
 image into the other (`polygons.warp`), where a point in it and its box prompt the segmenter. A box pulls the mask
-towards itself, so a mask is accepted only if it overlaps the warped polygon. If few points confirm it, the way back is
-checked, too: the mask, warped back, must predict a mask of the first image that overlaps the polygon.
+towards itself, so a mask is accepted only if it overlaps the warped polygon. If few points confirm it, or it overlaps
+less, the way back is checked, too: the mask, warped back, must predict a mask of the first image that overlaps the
+polygon. Where one point finds no such mask, several are tried. What a border cuts off is left out of the comparison.
 
 Two images are more evidence than one, so masks below the usual thresholds take part (`guided.min_predicted_iou`,
 `guided.min_stability`); they become polygons only if they are matched. After these prompts, segment everything
@@ -142,8 +143,8 @@ def accepted_masks(
 ) -> AcceptedMasks:
     """For each of the other image's `regions`, the mask in `view` that overlaps it most, if it is good enough.
 
-    `there` maps from the regions' image to the view's, `back` the other way. Regions that lie mostly outside the view,
-    or cover only a few pixels of a decoded mask, are no prompts (`config.guided`).
+    `there` maps from the regions' image to the view's, `back` the other way. Regions of which the view shows
+    too little, or only a few pixels of a decoded mask, are no prompts (`config.guided`).
     """
     limits = config.guided
     polygons = PolygonArrays(regions.polygons)
