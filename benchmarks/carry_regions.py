@@ -25,7 +25,7 @@ from zpm2.carry import pair
 from zpm2.carry.places import places
 from zpm2.evaluate import ground_truth
 from zpm2.evaluate.datasets import open_dataset
-from zpm2.evaluate.pairs import EvalPair, PoseTruth, DepthTruth
+from zpm2.evaluate.pairs import DepthTruth, EvalPair, PoseTruth
 from zpm2.global_match import initial_geometry
 from zpm2.photos.images import read_image
 from zpm2.polygons.rasterize import rasterize_stack

@@ -87,6 +87,13 @@ def test_round_trip(result: MatchResult, tmp_path: Path) -> None:
         assert (again / name).read_bytes() == (folder / name).read_bytes()
 
 
+def test_what_a_border_cuts_off_is_told_only_where_it_does(result: MatchResult, tmp_path: Path) -> None:
+    cut = dataclasses.replace(result, matches=[dataclasses.replace(result.matches[0], visible=0.4), result.matches[1]])
+    saved = json.loads((cut.save(tmp_path / "cut") / "matches.json").read_text())["matches"]
+    assert [match.get("visible") for match in saved] == [0.4, None]
+    assert [match.visible for match in MatchResult.load(tmp_path / "cut").matches] == [0.4, 1.0]
+
+
 def shoelace(ring: np.ndarray[Any, Any]) -> float:
     x, y = ring.T
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2

@@ -98,10 +98,38 @@ def test_an_answer_that_does_not_agree_is_refused():
     views, initial = scene(right_hidden=range(16))
     views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
     views[1].__post_init__()
-    wide = redetection.detect(views, initial, CONFIG)
+    strict = config.assign(CONFIG, ["guided.min_checked_overlap=0.7"])
+    wide = redetection.detect(views, initial, strict)
     assert len(wide.right) == 0
     tolerant = config.assign(CONFIG, ["guided.min_overlap=0.4"])
     assert len(redetection.detect(views, initial, tolerant).right) == 16
+
+
+def test_an_answer_that_agrees_less_must_lead_back():
+    views, initial = scene(right_hidden=range(16))
+    views[1].regions[:] = [dataclasses.replace(r, shape=r.shape.buffer(5)) for r in views[1].regions]
+    views[1].__post_init__()
+    asked = redetection.detect(views, initial, CONFIG)
+    assert len(asked.right) == 16
+    views[0].regions[:] = views[0].regions[:5]  # the left image answers nothing about the others any more
+    views[0].__post_init__()
+    accepted = redetection.accepted_masks(views[1], asked.left, initial.forward(), initial.backward(), CONFIG)
+    assert len(accepted.predictions) == 5
+
+
+def test_a_region_cut_by_the_border_is_found_by_its_visible_part():
+    """The right photograph shows what lies further to the right: 66 px of a region that goes on for 110 px there."""
+    away = np.array([[1, 0, -180.0], [0, 1, 0], [0, 0, 1]])
+    region = shapely.box(190, 60, 300, 160)
+    left = PaintedView(blank(256, 256, 1), [Region(shapely.intersection(region, shapely.box(0, 0, 256, 256)))])
+    right = PaintedView(blank(256, 256, 2), [Region(shapely.transform(region, lambda xy: xy - [180, 0]))])
+    at = np.random.default_rng(0).uniform(0, 256, (600, 2))
+    known = PointMatches(at, geometry.project(away, at), np.ones(600))
+    initial = InitialGeometry(known, np.zeros((3, 3)), away, np.ones(600, bool), np.ones(600, bool))
+    strict = config.assign(CONFIG, ["guided.min_checked_overlap=0.7"])
+    whole = config.assign(strict, ["local_match.visible.on=false"])
+    assert redetection.detect((left, right), initial, whole).right.guided.sum() == 0
+    assert redetection.detect((left, right), initial, strict).right.guided.sum() == 1
 
 
 def test_without_points_the_way_back_must_lead_home():
@@ -128,10 +156,11 @@ def test_what_the_other_image_does_not_show_is_not_asked_about():
     initial = dataclasses.replace(initial, points=points, homography=away)
     asked = redetection.detect(views, initial, CONFIG).left
     before = len(views[1].asked)
-    redetection.accepted_masks(views[1], asked, initial.forward(), initial.backward(), CONFIG)
+    once = config.assign(CONFIG, ["guided.points=1"])
+    redetection.accepted_masks(views[1], asked, initial.forward(), initial.backward(), once)
     visible = sum(
         shapely.box(0, 0, 256, 256).intersection(shapely.transform(p.shape, lambda xy: geometry.project(away, xy))).area
-        >= 0.5 * p.area
+        >= CONFIG.guided.min_visible * p.area
         for p in asked.polygons
     )
     assert abs(len(views[1].asked) - before - visible) <= 1
@@ -178,6 +207,53 @@ def test_prompts_lie_deep_inside_their_box(seed):
         outside = np.argwhere(~bits)[:, ::-1] + 0.5
         depth, _ = cKDTree(outside).query(np.c_[columns, rows] + 0.5)
         assert np.hypot(*(outside - [x, y]).T).min() == pytest.approx(depth.max(), abs=0.3)
+
+
+def spread(bits, count):
+    """Points one after the other: each as far as can be from those before it, and half as far from the outline."""
+    pixels = np.argwhere(bits)[:, ::-1] + 0.5
+    outside = np.argwhere(~np.pad(bits, 1))[:, ::-1] - 0.5
+    depth = np.rint(cKDTree(outside).query(pixels)[0] ** 2)
+    chosen = [pixels[np.argmax(depth)]]
+    while len(chosen) < count:
+        apart = np.min([((pixels - point) ** 2).sum(1) for point in chosen], axis=0)
+        value = np.minimum(apart, 4 * depth)
+        chosen.append(pixels[np.argmax(value)] if value.any() else chosen[-1])
+    return np.array(chosen)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_several_points_are_spread_over_thin_and_bent_shapes(seed):
+    rng = np.random.default_rng(seed)
+    ring = shapely.Point(120, 120).buffer(80).difference(shapely.Point(120, 120).buffer(70))
+    shapes = [ring, shapely.box(20, 20, 200, 30), shapely.box(*rng.uniform(20, 90, 2), *rng.uniform(100, 200, 2))]
+    cover = PaintedView(blank(), []).cover(np.array(shapes, object))
+    for bits, points in zip(cover, redetection.prompts(cover, 1.0, 4).points, strict=True):
+        assert points[:4].tolist() == spread(bits, 4).tolist()
+        column, row = points[:4].astype(int).T
+        assert bits[row, column].all()
+    first = redetection.prompts(cover, 1.0, 1)
+    assert np.array_equal(first.points[:, 0], redetection.prompts(cover, 1.0, 4).points[:, 0])
+
+
+def test_a_shape_of_fewer_pixels_than_points_repeats_them():
+    cover = np.zeros((1, 9, 9), bool)
+    cover[0, 4, 3:5] = True
+    assert redetection.prompts(cover, 1.0, 4).points[0, :4].tolist() == [[3.5, 4.5], [4.5, 4.5], [4.5, 4.5], [4.5, 4.5]]
+
+
+def test_a_region_that_one_point_does_not_find_is_asked_for_with_several():
+    views, initial = scene(right_hidden=range(16))
+    asked = redetection.detect(views, initial, CONFIG).left
+    views[1].regions.clear()
+    views[1].__post_init__()
+    counts = {}
+    for points in (1, 3):
+        before = len(views[1].asked)
+        once = config.assign(CONFIG, [f"guided.points={points}"])
+        redetection.accepted_masks(views[1], asked, initial.forward(), initial.backward(), once)
+        counts[points] = len(views[1].asked) - before
+    assert counts == {1: 16, 3: 32}
 
 
 def test_progress_runs_through_both_images():

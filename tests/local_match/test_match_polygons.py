@@ -6,7 +6,7 @@ import pytest
 from shapes import arrays, square
 from twoplanes import Scene, scene
 
-from zpm2.config import PRESETS, Config, LocalConfig
+from zpm2.config import PRESETS, Config, LocalConfig, VisibleConfig
 from zpm2.errors import Failed
 from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations, initial_geometry, locate, search_candidates
 from zpm2.local_match import MatchProblem, match_polygons, scoring
@@ -191,3 +191,22 @@ def test_both_branches_of_the_cost_alone_find_the_polygons(gamma):
     right = sum(given.truth.get(k) == v for k, v in pairs(matches).items())
     assert right > 0.9 * len(given.truth)
     assert LocalConfig().gamma != gamma
+
+
+def test_a_polygon_cut_by_the_border_matches_by_its_visible_part_and_says_so():
+    """The left polygon goes on for 60 % beyond the right image, which shows the rest at its border."""
+    given = scene(NEAR, 0)
+    points = given.points
+    at = np.random.default_rng(1).uniform(10, 150, (200, 2))
+    points = PointMatches(at, at - [60.0, 0.0], np.ones(200))
+    polygons = arrays([square(0, 40, 100, 120)]), arrays([square(0, 40, 40, 120)])
+    shift = np.array([[1, 0, -60.0], [0, 1, 0], [0, 0, 1]])
+    every = np.ones(200, bool)
+    initial = InitialGeometry(points, Failed("not looked for"), shift, every, every)
+    whole = with_local(PRESETS["default"], visible=VisibleConfig(on=False), min_overlap=0.5)
+    part = with_local(PRESETS["default"], min_overlap=0.5)
+    given = dataclasses.replace(given, polygons=polygons)
+    assert run(given, whole, initial) == []
+    (match,) = run(given, part, initial)
+    assert match.overlap > 0.95
+    assert match.visible == pytest.approx(0.4, abs=0.05)

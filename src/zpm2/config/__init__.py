@@ -17,6 +17,7 @@ from zpm2.config.local_match import (
     OutlineConfig,
     UnmatchedConfig,
     VerifyConfig,
+    VisibleConfig,
 )
 from zpm2.config.photos import (
     BlocksConfig,
@@ -70,6 +71,7 @@ __all__ = [
     "UnmatchedConfig",
     "VectorizeConfig",
     "VerifyConfig",
+    "VisibleConfig",
     "as_config",
     "assign",
     "choices",

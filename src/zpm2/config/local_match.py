@@ -152,6 +152,30 @@ class ExclusiveConfig:
 
 
 @dataclass(frozen=True)
+class VisibleConfig:
+    """Polygons that a border of a photograph cuts off are compared over what both photographs can show
+    (`polygons.visible`)."""
+
+    on: bool = option(False, "else over all of both", source="paper: off")
+    min_points: int = number(
+        5,
+        "homologous points in a pair or a polygon, from which on its map is known well enough to cut it",
+        high=10_000,
+        source="four fix a homography, one more confirms it",
+    )
+    border: float = share(
+        1 / 256,
+        "of a photograph's longer side, as near as which a polygon touches its border",
+        source="a px of a decoded mask",
+    )
+    min_share: float = share(
+        0.25,
+        "of either polygon that both can show, under which they cannot match",
+        source="of a smaller part the outline says little",
+    )
+
+
+@dataclass(frozen=True)
 class OutlineConfig:
     """Homologous points along two outlines (`local_match.outline`)."""
 
@@ -246,6 +270,7 @@ class LocalConfig:
     homography: HomographyConfig = field(default_factory=HomographyConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     unmatched: UnmatchedConfig = field(default_factory=UnmatchedConfig)
+    visible: VisibleConfig = field(default_factory=VisibleConfig)
     exclusive: ExclusiveConfig = field(default_factory=ExclusiveConfig)
     outline: OutlineConfig = field(default_factory=OutlineConfig)
 
@@ -258,9 +283,9 @@ class GuidedConfig:
         "off", "forward: left polygons in the right image only", source="beyond the paper, docs/method.md"
     )
     min_visible: float = share(
-        0.5,
+        0.25,
         "of a warped polygon's area in the other image, from which on it is a prompt",
-        source="of a smaller part the mask would be another one",
+        source="as `local_match.visible`: of a smaller part the outline says little",
     )
     min_pixels: int = number(
         4,
@@ -273,6 +298,18 @@ class GuidedConfig:
         0.7,
         "IoU of a mask with the warped polygon that it was prompted with",
         source="docs/method.md: higher than a match needs, as the mask was asked for there",
+    )
+    points: int = number(
+        3,
+        "inside a warped polygon, with which it is asked for again where one found no mask; 1: it is not",
+        low=1,
+        high=100,
+        source="docs/method.md",
+    )
+    min_checked_overlap: float = share(
+        0.5,
+        "the same of a mask that leads back to a polygon with `min_points`; at `min_overlap` there are no such masks",
+        source="as a match is scored",
     )
     min_points: int = number(
         3,

@@ -2,7 +2,7 @@
 `default` is the best that we know, measured (docs/results.md)."""
 
 from zpm2.config.cloud import CloudConfig
-from zpm2.config.local_match import GuidedConfig, LocalConfig
+from zpm2.config.local_match import GuidedConfig, LocalConfig, VisibleConfig
 from zpm2.config.photos import TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
@@ -15,7 +15,9 @@ PRESETS: dict[str, Config] = {
     "default": Config(
         segment=SegmentConfig(quality="fast"),
         points=PointsConfig(rotated_retry=True),
-        local_match=LocalConfig(shape="overlap", few_points=True, min_overlap=0.35, judge="on"),
+        local_match=LocalConfig(
+            shape="overlap", few_points=True, min_overlap=0.35, judge="on", visible=VisibleConfig(on=True)
+        ),
         guided=GuidedConfig(direction="both"),
         tiles=TilesConfig(mode="auto"),
         pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),

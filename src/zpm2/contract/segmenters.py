@@ -11,7 +11,7 @@ from zpm2.contract.scenes import grey, half_valid, in_threads, no_data, scene, t
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.predictions import MaskThresholds, Prompts
+from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
 from zpm2.segment.protocol import HasNotes, PolygonSource, PromptedSegmenter, Segmenter
 
 For = Callable[[Image], Segmenter]
@@ -153,6 +153,13 @@ def _prompts(segmenter: PromptedSegmenter, image: Image) -> None:
     expect(rows, "MaskPredictions.prompt holds rows that are no prompt")
     some = found[np.arange(min(len(found), 3))]
     expect(len(view.masks(some)) == len(some), "view.masks gives another number of masks than predictions")
+    x, y = np.array([image.width, image.height]) / 2
+    boxed = Prompts(
+        np.array([[[x, y], [x - 2, y], [x, y - 2], [x / 2, y / 2], [1.5 * x, 1.5 * y]]]),
+        np.array([INSIDE] * 3 + [CORNER, OTHER_CORNER]),
+    )
+    several = view.predict(boxed, every)
+    expect(bool((several.prompt == 0).all()), "a prompt of three points and a box gives masks of another row")
     none = view.predict(prompts[:0], every)
     expect(len(none) == 0, "no prompts give masks")
     expect(view.masks(none) == [], "no predictions give masks")

@@ -48,6 +48,8 @@ def _unfold_side(members: Members) -> Members:
 
 
 def _with_id(match: PolygonMatch, members: Members) -> Members:
+    if match.visible == 1.0:
+        del members["visible"]
     return {"id": match.id} | members
 
 
@@ -69,7 +71,7 @@ LAYOUTS: Mapping[type, Layout] = {
     PointMatches: Layout(shapes={"left": (-1, 2), "right": (-1, 2), "score": (-1,)}),
     PolygonMatch: Layout(
         sparse=("outline",),
-        optional=("nodes",),
+        optional=("nodes", "visible"),
         shapes={"nodes": (-1, 2), "outline": (-1, 5)},
         decimals={"outline": 3},
         fold=_with_id,

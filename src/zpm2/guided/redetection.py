@@ -2,8 +2,9 @@
 
 Most matches are lost because the two images are segmented differently. The homologous points warp a polygon of one
 image into the other (`polygons.warp`), where a point in it and its box prompt the segmenter. A box pulls the mask
-towards itself, so a mask is accepted only if it overlaps the warped polygon. If few points confirm it, the way back is
-checked, too: the mask, warped back, must predict a mask of the first image that overlaps the polygon.
+towards itself, so a mask is accepted only if it overlaps the warped polygon. If few points confirm it, or it overlaps
+less, the way back is checked, too: the mask, warped back, must predict a mask of the first image that overlaps the
+polygon. Where one point finds no such mask, several are tried. What a border cuts off is left out of the comparison.
 
 Two images are more evidence than one, so masks below the usual thresholds take part (`guided.min_predicted_iou`,
 `guided.min_stability`); they become polygons only if they are matched. After these prompts, segment everything
@@ -26,7 +27,8 @@ from zpm2.guided.prior import GuidedPrior
 from zpm2.model import PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
-from zpm2.polygons.warp import warp_by_points
+from zpm2.polygons.visible import touched, within_borders
+from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.segment import automatic
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
@@ -141,51 +143,80 @@ def accepted_masks(
 ) -> AcceptedMasks:
     """For each of the other image's `regions`, the mask in `view` that overlaps it most, if it is good enough.
 
-    `there` maps from the regions' image to the view's, `back` the other way. Regions that lie mostly outside the view,
-    or cover only a few pixels of a decoded mask, are no prompts (`config.guided`).
+    `there` maps from the regions' image to the view's, `back` the other way. Regions of which the view shows
+    too little, or only a few pixels of a decoded mask, are no prompts (`config.guided`).
     """
-    warped = warp_by_points(PolygonArrays(regions.polygons), *there, config.local_match)
+    limits = config.guided
+    polygons = PolygonArrays(regions.polygons)
+    warped = warp_by_points(polygons, *there, config.local_match)
     cover = view.cover(warped.shapes)
-    predictions = _predict_in(view, cover, warped.shapes, config)
-    best, overlap = _best(predictions, cover)
-    good = overlap >= config.guided.min_overlap
-    best, overlap = best[good], overlap[good]
-    few = warped.own[predictions.prompt[best]] < config.guided.min_points
-    good = ~few
-    returned = _return_overlap(view, predictions[best[few]], regions, back, config)
-    good[few] = returned >= config.guided.min_return_overlap
-    return AcceptedMasks(predictions[best[good]], overlap[good])
+    shown = _shown(view, polygons, warped, regions.view, config)
+    rows = _prompting(view, cover, warped.shapes, config)
+    found = []
+    for points in sorted({1, limits.points}):  # first the cheap question, which most regions answer
+        predictions = _predict_in(view, cover, rows, points, config)
+        best, overlap = _best(predictions, cover, shown)
+        good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
+        best, overlap = best[good], overlap[good]
+        few, loose = warped.own[predictions.prompt[best]] < limits.min_points, overlap < limits.min_overlap
+        good, doubtful = ~(few | loose), few ^ loose  # both doubts together are too many
+        returned = _return_overlap(view, predictions[best[doubtful]], regions, back, config)
+        good[doubtful] = returned >= limits.min_return_overlap
+        found.append(AcceptedMasks(predictions[best[good]], overlap[good]))
+        rows = np.setdiff1d(rows, found[-1].predictions.prompt)
+    return AcceptedMasks(
+        MaskPredictions.join([f.predictions for f in found]), np.concatenate([f.overlap for f in found])
+    )
 
 
-def prompts(cover: NDArray[np.bool_], mask_scale: float) -> Prompts:
-    """For each shape of `cover` (n, h, w), none empty: its box and the pixel farthest from its outline.
+def prompts(cover: NDArray[np.bool_], mask_scale: float, points: int = 1) -> Prompts:
+    """For each shape of `cover` (n, h, w), none empty: its box and `points` pixels inside.
 
-    Of several such pixels, the first one row by row.
+    The first is the pixel farthest from the outline. Each other one is far from those before it, and from the outline
+    by at least half of that: it maximises the lesser of the distance to them and twice the distance to the outline. So
+    they follow the parts of thin and bent shapes. Of equal pixels, the first one row by row.
     """
-    points = np.zeros((len(cover), 3, 2))
+    found = np.zeros((len(cover), points + 2, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
         crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
         depth = cv2.distanceTransform(crop, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         squared = np.rint(depth**2)  # whole numbers; OpenCV's last bits depend on where the array lies in memory
-        y, x = np.unravel_index(np.argmax(squared), depth.shape)
-        points[k] = (x0 + x - 0.5, y0 + y - 0.5), (x0, y0), (x1, y1)
-    return Prompts(points / mask_scale, np.array([INSIDE, CORNER, OTHER_CORNER]))
+        apart = value = squared
+        for n in range(points):
+            if value.any():  # else there is no pixel that is no point yet, and the last one counts again
+                y, x = np.unravel_index(np.argmax(value), depth.shape)
+            found[k, n] = x0 + x - 0.5, y0 + y - 0.5
+            to_it = (np.arange(depth.shape[0]) - y)[:, None] ** 2 + (np.arange(depth.shape[1]) - x) ** 2
+            apart = np.minimum(apart, to_it) if n else to_it
+            value = np.minimum(apart, 4 * squared)
+        found[k, points:] = (x0, y0), (x1, y1)
+    return Prompts(found / mask_scale, np.array([INSIDE] * points + [CORNER, OTHER_CORNER]))
+
+
+def _prompting(
+    view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
+) -> NDArray[np.intp]:
+    """The rows of (n,) warped shapes that `view` shows well enough to be asked for; they cover its pixels `cover`."""
+    pixels = cover.sum((1, 2))
+    visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
+    return np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
 
 
 def _predict_in(
-    view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
+    view: PromptedView, cover: NDArray[np.bool_], rows: NDArray[np.intp], points: int, config: Config
 ) -> MaskPredictions:
-    """The masks in `view` for (n,) warped shapes that cover its pixels `cover` (n, h, w); `prompt` are their rows."""
-    pixels = cover.sum((1, 2))
-    visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
-    rows = np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
-    predictions = view.predict(prompts(cover[rows], view.mask_scale), _loose_thresholds(config))
+    """The masks in `view` for the shapes `rows` of `cover` (n, h, w), by so many points each; `prompt` are rows."""
+    predictions = view.predict(prompts(cover[rows], view.mask_scale, points), _loose_thresholds(config))
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
-def _best(predictions: MaskPredictions, target: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
-    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU."""
-    bits, wanted = predictions.bits, target[predictions.prompt]
+def _best(
+    predictions: MaskPredictions, target: NDArray[np.bool_], shown: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], Array]:
+    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU, both over the pixels
+    `shown[prompt]`."""
+    where = shown[predictions.prompt]
+    bits, wanted = predictions.bits & where, target[predictions.prompt] & where
     overlap = (bits & wanted).sum((1, 2)) / np.maximum((bits | wanted).sum((1, 2)), 1)
     order = np.lexsort((-overlap, predictions.prompt))
     _, first = np.unique(predictions.prompt[order], return_index=True)
@@ -201,11 +232,30 @@ def _return_overlap(
     """
     result = np.zeros(len(predictions))
     polygons, rows = _traced(view, predictions, config, 1.0)
-    shapes = warp_by_points(PolygonArrays(polygons), *back, config.local_match).shapes
-    returned = _predict_in(regions.view, regions.view.cover(shapes), shapes, config)
-    best, overlap = _best(returned, regions.predictions[predictions.prompt[rows]].bits)
+    arrays = PolygonArrays(polygons)
+    warped = warp_by_points(arrays, *back, config.local_match)
+    cover = regions.view.cover(warped.shapes)
+    asked = _prompting(regions.view, cover, warped.shapes, config)
+    returned = _predict_in(regions.view, cover, asked, 1, config)
+    target = regions.predictions[predictions.prompt[rows]].bits
+    best, overlap = _best(returned, target, _shown(regions.view, arrays, warped, view, config))
     result[rows[returned.prompt[best]]] = overlap
     return result
+
+
+def _shown(
+    view: PromptedView, polygons: PolygonArrays, warped: WarpedPolygons, own: PromptedView, config: Config
+) -> NDArray[np.bool_]:
+    """(n, h, w) the pixels of `view` that the photograph of the view `own` can show, too, as far as its borders cut off
+    one of its `polygons`, `warped` into `view` by enough points (`polygons.visible`)."""
+    limits, size = config.local_match.visible, (own.image.width, own.image.height)
+    shown: NDArray[np.bool_] = np.ones((len(polygons), *view.size), bool)
+    sides = touched(polygons.shapes, size, limits.border)
+    rows = np.flatnonzero(sides.any(1) & (warped.own >= limits.min_points))
+    if limits.on and len(rows):
+        whole = np.full(len(rows), shapely.box(0, 0, view.image.width, view.image.height), object)
+        shown[rows] = view.cover(within_borders(whole, warped.maps[rows], size, sides[rows], polygons.centers[rows]))
+    return shown
 
 
 def _regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:

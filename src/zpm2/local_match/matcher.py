@@ -120,6 +120,7 @@ def _as_matches(
             dsf=int(scores.dsf[row]),
             stage="guided" if guided[k] else stage,
             overlap=float(scores.overlap[row]),
+            visible=float(scores.visible[row]),
             nodes=nodes[k],
         )
         for k, row in enumerate(rows)

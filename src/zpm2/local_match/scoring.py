@@ -1,6 +1,6 @@
 """Scores of candidate pairs: overlap, shape, shared points, texture, and the resulting cost (paper 3.4.1, 3.4.2)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import shapely
@@ -14,6 +14,7 @@ from zpm2.local_match.shared_points import lookup, shared_points
 from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import iou
 from zpm2.polygons.transform import transform_polygons
+from zpm2.polygons.visible import co_visible
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ class CandidateScores:
     rectified: NDArray[np.object_]  # (c,) left polygon as the right image should show it
     overlap: Array  # (c,) 0..1, IoU of the rectified polygon with the right one
     area: Array  # (c,) 0..1, ratio of their areas
+    visible: Array  # (c,) 0..1, share of either polygon, the smaller one, over which overlap and areas are compared
     psi: Array  # (c,) 0..1, similarity of shape
     texture: Array  # (c,) R, -1..1
     cost: Array  # (c,) zeta
@@ -62,27 +64,47 @@ class CandidateScorer:
         config = self.config
         at = lookup(np.arange(len(self.shared_points.pairs)), self.shared_points.pairs, pairs)
         dsf = np.where(at >= 0, self.shared_points.counts[np.maximum(at, 0)] if len(self.shared_points.pairs) else 0, 0)
-        rectified = transform_polygons(self.left, pairs.left, self._maps(pairs, at, dsf, locations))
-        overlap = iou(rectified, self.right.shapes[pairs.right])
+        maps = self._maps(pairs, at, dsf, locations)
+        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf)
         agreement = self._agreement(pairs, dsf)
-        near = overlap >= config.min_overlap
         if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
-            warped = self.guided_prior.warped.shapes[pairs.left]
-            other = iou(warped, self.right.shapes[pairs.right])
-            rectified, overlap = np.where(other > overlap, warped, rectified), np.maximum(overlap, other)
-            near = self.guided_prior.accepts(pairs, overlap, agreement) & (overlap >= config.min_overlap)
+            warped = self.guided_prior.warped
+            found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
+        near = found.overlap >= config.min_overlap
+        if self.guided_prior is not None:
+            near &= self.guided_prior.accepts(pairs, found.overlap, agreement)
         rows = np.flatnonzero(near)
-        pairs, dsf, agreement = pairs[rows], dsf[rows], agreement[rows]
-        rectified, overlap = rectified[rows], overlap[rows]
-        area = shape.area_ratio(shapely.area(rectified), self.right.areas[pairs.right])
-        psi = overlap if config.shape == "overlap" else area * self._graph(rectified, pairs)[0]
+        pairs, dsf, agreement, found = pairs[rows], dsf[rows], agreement[rows], found[rows]
+        psi = found.overlap if config.shape == "overlap" else found.area * self._graph(found.rectified, pairs)[0]
         r = texture.correlation(self.patches, pairs, config.min_contrast)
         cost = assignment.matching_cost(psi, dsf, r, config)
-        return CandidateScores(pairs, dsf, agreement, rectified, overlap, area, psi, r, cost)
+        return CandidateScores(
+            pairs, dsf, agreement, found.rectified, found.overlap, found.area, found.visible, psi, r, cost
+        )
 
     def nodes(self, scores: CandidateScores, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The homologous vertices (k, 2) of each of the pairs `rows`."""
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
+
+    def _overlaps(
+        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64]
+    ) -> "_Overlaps":
+        """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or, with enough shared
+        points, over what both photographs can show (`config.visible`)."""
+        right, limits = self.right.shapes[pairs.right], self.config.visible
+        areas = shapely.area(rectified), shapely.area(right)
+        own, other, visible = rectified.copy(), right.copy(), np.ones(len(pairs))
+        if limits.on:
+            known = np.flatnonzero(dsf >= limits.min_points)
+            first, second = ((image.width, image.height) for image in self.problem.images)
+            left, sizes = self.left.shapes[pairs.left[known]], (first, second)
+            own[known], other[known] = co_visible(
+                rectified[known], right[known], maps[known], left, sizes, limits.border
+            )
+            shares = [shapely.area(part) / np.maximum(a, 1e-300) for part, a in zip((own, other), areas, strict=True)]
+            visible[known] = np.minimum(*shares)[known].clip(0, 1)
+        overlap = np.where(visible >= limits.min_share, iou(own, other), 0.0)
+        return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
 
     def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
         """(c,) 0..1, share of the homologous points inside either polygon that are inside both.
@@ -124,6 +146,24 @@ class CandidateScorer:
         rings = [_exterior(s, self.left.polygons[i].exterior) for s, i in zip(rectified, pairs.left, strict=True)]
         others = [self.right.polygons[j].exterior for j in pairs.right]
         return shape.graph_similarity(rings, others, self.config.z, self.config.neighbors)
+
+
+@dataclass(frozen=True, eq=False)
+class _Overlaps:
+    """How c left polygons, rectified, cover their candidates; members as those of `CandidateScores`."""
+
+    rectified: NDArray[np.object_]
+    overlap: Array
+    area: Array
+    visible: Array
+
+    def __getitem__(self, rows: NDArray[np.intp]) -> "_Overlaps":
+        return _Overlaps(self.rectified[rows], self.overlap[rows], self.area[rows], self.visible[rows])
+
+    def or_better(self, other: "_Overlaps") -> "_Overlaps":
+        """Of each pair what overlaps more."""
+        better = other.overlap > self.overlap
+        return _Overlaps(*(np.where(better, getattr(other, f.name), getattr(self, f.name)) for f in fields(self)))
 
 
 def _exterior(rectified: shapely.Geometry, original: Array) -> Array:

@@ -29,6 +29,7 @@ class PolygonMatch:
     outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
     # (k, 5) homologous points all around the exteriors: x_left, y_left, x_right, y_right, residual, px; empty unless
     # asked for (see `local_match.outline`)
+    visible: float = 1.0  # 0..1, share of either polygon, the smaller one, that both photographs can show
 
     __repr__ = brief
 

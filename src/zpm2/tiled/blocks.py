@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2 import geometry
-from zpm2.config import Config, GlobalConfig
+from zpm2.config import Config, GlobalConfig, VisibleConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry, PriorLocations, locate, search_candidates
 from zpm2.guided.prior import GuidedPrior
@@ -157,8 +157,10 @@ def _possible(block: _Block, pair: LargePair, warped: WarpedPolygons, config: Co
     locations = locate(*images, left.centers, initial, config.global_match, prior)
     candidates = search_candidates(left, right, locations, config.global_match)
     problem = MatchProblem(images, (left, right), initial, locations, candidates, guided_prior)
-    possible = possible_matches(problem, config.local_match)
-    return verified(problem, possible, one_to_one(possible, config.local_match), config.local_match)
+    # the views end where the block does, which cuts no polygon off
+    local = replace(config.local_match, visible=VisibleConfig(on=False))
+    possible = possible_matches(problem, local)
+    return verified(problem, possible, one_to_one(possible, local), local)
 
 
 def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeometry:
