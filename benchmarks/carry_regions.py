@@ -10,6 +10,7 @@ photograph does not show was claimed to be there.
 """
 
 import argparse
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -148,7 +149,7 @@ def main() -> None:
     edges = [0.0, *SIZES, np.inf]
     sizes = [
         summary(f"{low:g} to {high:g} px^2", [row for row in rows if low <= row["area"] < high])
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
+        for low, high in itertools.pairwise(edges)
     ]
     seconds = round(float(np.mean([row["seconds"] for row in rows])), 3)
     print(document.text("zpm2-bench-carry/1", rows=[summary("all", rows), *pairs, *sizes], seconds_a_region=seconds))
