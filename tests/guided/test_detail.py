@@ -1,7 +1,5 @@
 """A closer look at painted photographs whose small regions only a window shows."""
 
-import dataclasses
-
 import cv2
 import numpy as np
 import pytest
@@ -20,7 +18,12 @@ SIDE, SHIFT = 320, (6, -4)
 H = np.array([[1.0, 0, SHIFT[0]], [0, 1, SHIFT[1]], [0, 0, 1]])
 CONFIG = config.assign(
     config.preset("default"),
-    ["segment.min_area=30", "segment.detail.min_side=32", "segment.detail.auto_windows=4", "segment.family.max_prompts=0"],
+    [
+        "segment.min_area=30",
+        "segment.detail.min_side=32",
+        "segment.detail.auto_windows=4",
+        "segment.family.max_prompts=0",
+    ],
 )
 SMALL = [shapely.box(x, y, x + 9, y + 7) for y in range(20, 300, 28) for x in range(20, 300, 28)]
 LARGE = [shapely.box(10, 10, 90, 60), shapely.box(230, 240, 310, 300)]
@@ -153,7 +156,7 @@ def test_windows_keep_to_their_number(most):
     assert len(scene.asked) == 2 * most
 
 
-def test_a_window_that_brings_nothing_is_the_last_one():
+def test_a_window_that_brings_nothing_is_the_last_one_of_its_size():
     scene = Pair()
     scene.closer(match=lambda pair: [PolygonMatch(0, 0, 0.9, 1.0, 5, "global")])
     assert len(scene.asked) == 2
@@ -181,21 +184,12 @@ def test_points_and_h_between_windows():
     assert isinstance(detail.moved((points, Failed("none")), (0, 0, 1, 1), (0, 0, 1, 1))[1], Failed)
 
 
-def test_doubtful_regions_of_a_window_are_doubtful():
-    scene = Pair()
-    views = scene.views
-
-    def doubtful(*crops):
-        found = views(*crops)
-        for view in found:
-            view.regions[:] = [dataclasses.replace(region, score=0.75) for region in view.regions]
-        return found
-
-    scene.views = doubtful
-    pair = scene.detected()
-    after = detail.look_closer(pair, scene.images, doubtful, scene.initial, matched(pair), matched, CONFIG)
-    assert len(after.left) > 30
-    assert not after.left.confident[2:].any()
+def test_regions_of_a_window_need_a_match():
+    before, after = Pair().closer()
+    assert before.left.confident.all()
+    assert list(after.left.confident) == [True] * 2 + [False] * (len(after.left) - 2)
+    (left, right), _ = redetection.drop_unconfirmed(after, matched(before), CONFIG.vectorize)
+    assert len(left) == len(right) == 2
 
 
 def test_without_regions_there_is_nothing_to_compare():

@@ -87,7 +87,9 @@ class DetailConfig:
     min_blobs: int = number(
         8, "in a window, of which no matched region of their size is known", high=100_000, source="fewer do not pay"
     )
-    min_new: int = number(2, "matches that a window must add, else it is the last one", high=100_000, source=MEASURED)
+    min_new: int = number(
+        2, "matches that a window must add, else it is the last one of its size", high=100_000, source=MEASURED
+    )
 
 
 @dataclass(frozen=True)

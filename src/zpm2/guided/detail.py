@@ -52,32 +52,30 @@ def look_closer(
 ) -> DetectedPair:
     """`pair`, and the regions that windows show.
 
-    `matches` are those of `pair`, and `match` finds those of a pair. `views` encodes a part of each image. On level
-    auto nothing is done where the matched regions cover enough. The window with the most open blobs is next; the last
-    one is the one that adds too few matches.
+    `matches` are those of `pair`, and `match` finds those of a pair, by rows. `views` encodes a part of each image. On
+    level auto nothing is done where the matched regions cover enough. The window with the most open blobs is next; a
+    window that adds too few matches is the last one of its size.
     """
-    detail = config.segment.detail
+    detail, done = config.segment.detail, 0
+    high = detail.level == "high"
+    most = detail.high_windows if high else detail.auto_windows
     part = windows.shared_part(images, initial, config)
-    if detail.level == "auto" and part.covered(_matched(pair, matches)) >= detail.min_coverage:
+    if not high and part.covered(_matched(pair, matches)) >= detail.min_coverage:
         return pair
-    most = detail.high_windows if detail.level == "high" else detail.auto_windows
-    done = 0
-    for choice in windows.candidates(part, config):
-        left = list(choice)
-        while left and done < most:
+    for halving in windows.candidates(part, config):
+        rest = list(halving)
+        while rest and done < most:
             blobs = windows.open_blobs(images[0], part, _matched(pair, matches), config)
-            open_ = [int(windows.inside(blobs, window.left).sum()) for window in left]
-            best = int(np.argmax(open_))
-            if open_[best] < detail.min_blobs:
+            held = [int(windows.inside(blobs, window.left).sum()) for window in rest]
+            if max(held) < detail.min_blobs:
                 break
-            window = left.pop(best)
+            window = rest.pop(int(np.argmax(held)))
             crops = _crop(images[0], window.left), _crop(images[1], window.right)
             pair = _in_window(pair, matches, _Window(images, window, views(*crops), initial, part, config))
-            done += 1
+            before, matches, done = len(matches), match(pair), done + 1
             progress(done / most)
-            before, matches = len(matches), match(pair)
             if len(matches) - before < detail.min_new:
-                return pair
+                break
     return pair
 
 
@@ -221,11 +219,12 @@ def _both(first: ViewRegions, second: ViewRegions) -> ViewRegions:
 
 
 def _joined(regions: Regions, new: Sequence[Regions], box: Box) -> Regions:
-    """`regions`, and new ones found in a box, px of that."""
+    """`regions`, and new ones found in a box, px of that. None of these is confident: what is small is off by much of
+    its size if the points around it are off by a few px, so points in it must confirm its match."""
     polygons = list(regions.polygons)
     for each in new:
         polygons += [_shifted(polygon, len(polygons) + k, np.array(box[:2])) for k, polygon in enumerate(each.polygons)]
-    confident = np.concatenate([regions.confident, *(each.confident for each in new)])
+    confident = np.append(regions.confident, np.zeros(len(polygons) - len(regions), bool))
     guided = np.concatenate([regions.guided, *(each.guided for each in new)])
     return Regions(polygons, confident, guided)
 

@@ -73,7 +73,7 @@ class _Places:
     def overlap(self, row: int, mask: NDArray[np.bool_], bits: NDArray[np.bool_]) -> float:
         """IoU of a mask with the moved region."""
         expected = _moved(bits[self.seed[row]], self.shift[row])
-        return float(np.count_nonzero(mask & expected) / max(np.count_nonzero(mask | expected), 1))
+        return int((mask & expected).sum()) / max(int((mask | expected).sum()), 1)
 
 
 def _repetitions(
