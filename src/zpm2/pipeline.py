@@ -104,11 +104,12 @@ class PairMatcher:
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
                 problem, matches = self._match(found, initial)
-        with timer("detail"):
-            closer = self._regions.look_closer(found, matches, initial, lambda more: self._match(more, initial)[1])
-            if closer is not found:
-                found = closer
-                problem, matches = self._match(found, initial)
+        if found.prompted is not None and config.segment.detail.level != "off":
+            with timer("detail"):
+                closer = self._regions.look_closer(found, matches, initial, lambda more: self._match(more, initial)[1])
+                if closer is not found:
+                    found = closer
+                    problem, matches = self._match(found, initial)
         sides, matches = found.sides(matches, config.vectorize)
         if not initial.supported:
             matches = lower_confidence(matches, config.local_match.confidence)

@@ -114,9 +114,8 @@ class RegionFinder:
         match: Callable[["PairRegions"], Sequence[PolygonMatch]],
     ) -> "PairRegions":
         """`found`, with the matches that it has, and the regions that a closer look finds where it pays (`detail`).
-        `match` finds the matches of regions. `found` itself where there is nothing to look at."""
-        if found.prompted is None or self.config.segment.detail.level == "off":
-            return found
+        `match` finds the matches of regions. `found` itself where nothing is to be looked at."""
+        assert found.prompted is not None
         left, right = (segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter))
         more = detail.look_closer(
             found.prompted,
