@@ -193,6 +193,6 @@ def test_regions_of_a_window_need_a_match():
 
 
 def test_without_regions_there_is_nothing_to_compare():
-    none = Regions([], np.zeros(0, bool), np.zeros(0, bool))
+    none = Regions([], *np.zeros((3, 0), bool))
     _, after = Pair().closer(pair=DetectedPair(none, none))
     assert len(after.left) > 0.8 * len(SMALL)

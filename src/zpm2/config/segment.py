@@ -87,6 +87,15 @@ class DetailConfig:
     min_blobs: int = number(
         8, "in a window, of which no matched region of their size is known", high=100_000, source="fewer do not pay"
     )
+    min_overlap: float = share(
+        0.6, "`local_match.min_overlap` of what a window shows", source="small regions overlap by chance more often"
+    )
+    min_points: int = number(
+        1,
+        "homologous points that such a match shares",
+        high=10_000,
+        source="without any, neighbours alone place it: 23 of 35 were right, and 154 of 166 others",
+    )
     min_new: int = number(
         2, "matches that a window must add, else it is the last one of its size", high=100_000, source=MEASURED
     )

@@ -177,7 +177,8 @@ class _Known:
         logits = np.where(cover, LOGIT, -LOGIT).astype(np.float16)
         masks = MaskPredictions(np.full(n, KNOWN), np.ones(n, np.float32), np.ones(n, np.float32), logits)
         polygons = [_shifted(regions.polygons[row], k, -np.array(box[:2])) for k, row in enumerate(rows)]
-        every = ViewRegions(polygons, regions.confident[rows], regions.guided[rows], view, masks)
+        flags = regions.confident[rows], regions.guided[rows], regions.closer[rows]
+        every = ViewRegions(polygons, *flags, view, masks)
         return _Known(masks, _rows(every, free[rows] & shapely.within(shapes[rows], frame)))
 
 
@@ -204,7 +205,7 @@ def _crop(image: Image, box: Box) -> Image:
 
 def _rows(regions: ViewRegions, wanted: NDArray[np.bool_]) -> ViewRegions:
     polygons = [regions.polygons[row] for row in np.flatnonzero(wanted)]
-    flags = regions.confident[wanted], regions.guided[wanted]
+    flags = regions.confident[wanted], regions.guided[wanted], regions.closer[wanted]
     return ViewRegions(polygons, *flags, regions.view, regions.predictions[wanted])
 
 
@@ -213,6 +214,7 @@ def _both(first: ViewRegions, second: ViewRegions) -> ViewRegions:
         first.polygons + second.polygons,
         np.append(first.confident, second.confident),
         np.append(first.guided, second.guided),
+        np.append(first.closer, second.closer),
         first.view,
         MaskPredictions.join([first.predictions, second.predictions]),
     )
@@ -226,7 +228,8 @@ def _joined(regions: Regions, new: Sequence[Regions], box: Box) -> Regions:
         polygons += [_shifted(polygon, len(polygons) + k, np.array(box[:2])) for k, polygon in enumerate(each.polygons)]
     confident = np.append(regions.confident, np.zeros(len(polygons) - len(regions), bool))
     guided = np.concatenate([regions.guided, *(each.guided for each in new)])
-    return Regions(polygons, confident, guided)
+    closer = np.append(regions.closer, np.ones(len(polygons) - len(regions), bool))
+    return Regions(polygons, confident, guided, closer)
 
 
 def _shifted(polygon: Polygon, id: int, shift: NDArray[np.int64]) -> Polygon:

@@ -44,6 +44,7 @@ class Regions:
     polygons: list[Polygon]  # without parents; ids are rows
     confident: NDArray[np.bool_]  # (n,) passed `segment`'s thresholds
     guided: NDArray[np.bool_]  # (n,) found by prompting with a polygon of the other image
+    closer: NDArray[np.bool_]  # (n,) found by a closer look (`detail`)
 
     def __len__(self) -> int:
         return len(self.polygons)
@@ -121,6 +122,7 @@ def redetect(
         left.polygons + [dataclasses.replace(p, id=n + p.id) for p in new.polygons],
         np.append(left.confident, new.confident),
         np.append(left.guided, new.guided),
+        np.append(left.closer, new.closer),
         left.view,
         MaskPredictions.join([left.predictions, new.predictions]),
     )
@@ -131,7 +133,9 @@ def guided_prior(pair: DetectedPair, polygons: PolygonArrays, initial: InitialGe
     """What the matcher needs to know about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
     warped = warp_by_points(polygons, *initial.forward(), config.local_match)
-    return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
+    confident, guided = (left.confident, right.confident), (left.guided, right.guided)
+    closer = left.closer, right.closer
+    return GuidedPrior(warped, confident, guided, config.guided, closer, config.segment.detail)
 
 
 def drop_unconfirmed(
@@ -227,7 +231,7 @@ def view_regions(view: PromptedView, predictions: MaskPredictions, config: Confi
     segment = config.segment
     polygons, rows = _traced(view, predictions, config, segment.min_area)
     confident = predictions[rows].passing(MaskThresholds(segment.min_predicted_iou, segment.min_stability))
-    return ViewRegions(polygons, confident, rows < guided, view, predictions[rows])
+    return ViewRegions(polygons, confident, rows < guided, np.zeros(len(rows), bool), view, predictions[rows])
 
 
 def _traced(

@@ -70,7 +70,7 @@ class CandidateScorer:
             warped = self.guided_prior.warped.shapes[pairs.left]
             other = iou(warped, self.right.shapes[pairs.right])
             rectified, overlap = np.where(other > overlap, warped, rectified), np.maximum(overlap, other)
-            near = self.guided_prior.accepts(pairs, overlap, agreement) & (overlap >= config.min_overlap)
+            near = self.guided_prior.accepts(pairs, overlap, agreement, dsf) & (overlap >= config.min_overlap)
         rows = np.flatnonzero(near)
         pairs, dsf, agreement = pairs[rows], dsf[rows], agreement[rows]
         rectified, overlap = rectified[rows], overlap[rows]
