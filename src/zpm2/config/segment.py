@@ -8,6 +8,7 @@ from zpm2.config.fields import Word, named, number, option, options, share
 from zpm2.errors import ConfigError
 
 MEASURED = "measured, docs/results.md"
+CLOSER = "measured, docs/segmenters.md"
 
 
 def _above_zero(name: str, value: tuple[float, ...]) -> None:
@@ -52,16 +53,16 @@ class DetailConfig:
     """Where both images are looked at again, closer, in windows of the part that both show (`guided.detail`)."""
 
     level: Literal["off", "auto", "high"] = option(
-        "off", "auto: where little of that part is matched; high: wherever smaller regions are likely", source=MEASURED
+        "off", "auto: where little of that part is matched; high: wherever smaller regions are likely", source=CLOSER
     )
     min_coverage: float = share(
-        0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=MEASURED
+        0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
-    auto_windows: int = number(3, "at most, level auto", high=1000, source=MEASURED)
+    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
     )
-    auto_halvings: int = number(1, "of a window's side, at most, level auto", high=10, source=MEASURED)
+    auto_halvings: int = number(1, "of a window's side, at most, level auto", high=10, source=CLOSER)
     high_halvings: int = number(2, "the same, level high", high=10, source="elements a quarter as large")
     side: float = share(
         0.6, "of the side of that part: the windows of the first halving", above=True, source="they overlap by a fifth"
@@ -97,7 +98,7 @@ class DetailConfig:
         source="without any, neighbours alone place it: 23 of 35 were right, and 154 of 166 others",
     )
     min_new: int = number(
-        2, "matches that a window must add, else it is the last one of its size", high=100_000, source=MEASURED
+        2, "matches that a window must add, else it is the last one of its size", high=100_000, source=CLOSER
     )
 
 
@@ -105,8 +106,10 @@ class DetailConfig:
 class FamilyConfig:
     """Elements that repeat: bricks, windows, roof tiles (`segment.family`). Looked for in windows of `DetailConfig`."""
 
-    max_prompts: int = number(96, "in a window, at most; 0: look for no families", high=100_000, source=MEASURED)
-    max_seeds: int = number(24, "regions that are correlated with a window, at most", high=10_000, source="10 ms each")
+    max_prompts: int = number(96, "in a window, at most; 0: look for no families", high=100_000, source="limits time")
+    max_seeds: int = number(
+        24, "regions that are correlated with a window, at most", high=10_000, source="time grows with them"
+    )
     min_members: int = number(
         4, "elements that look alike, from which on they are a family", low=2, high=1000, source="two are chance"
     )
