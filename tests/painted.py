@@ -1,5 +1,6 @@
 """A segmenter that can be asked and whose regions are known: shapes painted on a photograph."""
 
+import dataclasses
 from dataclasses import dataclass, field
 
 import cv2
@@ -79,11 +80,30 @@ class PaintedSegmenter:
     name: str = "painted"
 
     def view(self, image: Image) -> PaintedView:
-        return next(view for view in self.views if np.array_equal(view.image.rgb, image.rgb))
+        """That of a photograph, or of a part of one."""
+        for view in self.views:
+            if view.image.rgb.shape == image.rgb.shape and np.array_equal(view.image.rgb, image.rgb):
+                return view
+        return next(part for part in (_part(view, image) for view in self.views) if part is not None)
 
     def segment(self, image: Image) -> list[Mask]:
         view = self.view(image)
         return [Mask(0, 0, bits_of(r.shape, image), r.score) for r in view.regions if not r.prompt_only]
+
+
+def _part(view: PaintedView, image: Image) -> PaintedView | None:
+    """The part of a view that an image was cut out of; None where it is of another photograph."""
+    if image.width > view.image.width or image.height > view.image.height:
+        return None
+    x, y = cv2.minMaxLoc(cv2.matchTemplate(view.image.rgb, image.rgb, cv2.TM_SQDIFF))[2]
+    if not np.array_equal(view.image.rgb[y : y + image.height, x : x + image.width], image.rgb):
+        return None
+    frame, regions = shapely.box(0, 0, image.width, image.height), []
+    for region in view.regions:
+        shape = shapely.intersection(shapely.transform(region.shape, lambda xy: xy - [x, y]), frame)
+        if shape.area > 0:
+            regions.append(dataclasses.replace(region, shape=shape))
+    return PaintedView(image, regions)
 
 
 def bits_of(shape: shapely.Polygon, image: Image) -> NDArray[np.bool_]:

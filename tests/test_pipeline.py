@@ -354,6 +354,31 @@ def test_a_segmenter_without_prompts_is_told(pair: Pair) -> None:
     assert not any("prompts" in warning for warning in given.warnings)
 
 
+def test_where_nothing_can_be_looked_at_again_it_is_said(pair: Pair) -> None:
+    high = assign(GUIDED, ["segment.detail.level=high"])
+    given, points = regions(pair), Given(grid_points(-5))
+    asked = {
+        "regions are given": PairMatcher(high, segmenter=given, points=points),
+        "needs guided re-detection": PairMatcher(high, segmenter=Squares(), points=points),
+    }
+    for why, matcher in asked.items():
+        found = matcher(pair.left, pair.right)
+        assert [why in warning for warning in found.warnings if "--detail high" in warning] == [True]
+        assert "detail" not in found.timings
+
+
+def test_a_closer_look_is_a_stage_of_its_own_and_can_be_left_out() -> None:
+    segmenter, left, right = painted_pair()
+    images, points = (left.image.rgb, right.image.rgb), Given(grid_points(-24))
+    off, auto = (
+        PairMatcher(assign(GUIDED, [f"segment.detail.level={level}"]), segmenter=segmenter, points=points)(*images)
+        for level in ("off", "auto")
+    )
+    assert "detail" not in off.timings
+    assert "detail" in auto.timings
+    assert len(auto.matches) >= len(off.matches)
+
+
 def test_points_on_pixels_without_data_are_left_out() -> None:
     valid = np.ones((40, 60), bool)
     valid[:, :30] = False

@@ -123,6 +123,7 @@ def match(
     preset: str = "default",
     segmenter: str | None = None,
     quality: str | None = None,
+    detail: str | None = None,
     left_regions: str | Path | None = None,
     right_regions: str | Path | None = None,
     method: str = "zpm2",
@@ -155,6 +156,7 @@ def match(
         {
             "segmenter": None if segmenter == PRECOMPUTED else segmenter,
             "quality": quality,
+            "detail": detail,
             "points": points,
             "tiles": tiles,
             "bands": bands,

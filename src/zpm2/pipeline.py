@@ -103,8 +103,13 @@ class PairMatcher:
         if found.prompted is not None and config.guided.direction == "both":
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
-                problem = self._locate(found, initial)
-                matches = match_polygons(problem, config.local_match)
+                problem, matches = self._match(found, initial)
+        if found.prompted is not None and config.segment.detail.level != "off":
+            with timer("detail"):
+                closer = self._regions.look_closer(found, matches, initial, lambda more: self._match(more, initial)[1])
+                if closer is not found:
+                    found = closer
+                    problem, matches = self._match(found, initial)
         with timer("verify"):
             matches, rejected = judged(verified(problem, matches, matches, config.local_match), config.local_match)
             matches = same_scene_matches(matches, initial.same_scene)
@@ -142,6 +147,11 @@ class PairMatcher:
         """The point matcher, loaded, for use in another matcher."""
         with self.lock:
             return self._load_points()
+
+    def _match(self, found: PairRegions, initial: InitialGeometry) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
+        """The matches of regions, and what they were decided from."""
+        problem = self._locate(found, initial)
+        return problem, match_polygons(problem, self.config.local_match)
 
     def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""

@@ -75,6 +75,15 @@ def match(
             autocompletion=one_of(choices("segment.quality")),
         ),
     ] = None,
+    detail: Annotated[
+        str | None,
+        typer.Option(
+            help="Look again, closer, for smaller regions: off, auto (where little is matched) or high.  "
+            "[default: preset's]",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(choices("segment.detail.level")),
+        ),
+    ] = None,
     segmenter: Annotated[
         str | None,
         typer.Option(
@@ -162,6 +171,7 @@ def match(
             config,
             segmenter=segmenter,
             quality=quality,
+            detail=detail,
             left_regions=left_regions,
             right_regions=right_regions,
             method=method,

@@ -33,7 +33,7 @@ from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, as_config, preset
 from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.robust import MagsacConfig
-from zpm2.config.segment import PromptConfig, SegmentConfig, VectorizeConfig
+from zpm2.config.segment import DetailConfig, FamilyConfig, PromptConfig, SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
 from zpm2.config.whole import Config, choices, describe
 
@@ -48,7 +48,9 @@ __all__ = [
     "ConfidenceConfig",
     "Config",
     "DegeneracyConfig",
+    "DetailConfig",
     "ExclusiveConfig",
+    "FamilyConfig",
     "FocalConfig",
     "GlobalConfig",
     "GuidedConfig",

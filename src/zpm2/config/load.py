@@ -12,6 +12,7 @@ from zpm2.files.reading import read_json, read_toml
 OPTIONS = {
     "segmenter": "segment.model",
     "quality": "segment.quality",
+    "detail": "segment.detail.level",
     "points": "points.methods",
     "tiles": "tiles.mode",
     "bands": "raster.bands",

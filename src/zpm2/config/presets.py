@@ -6,14 +6,14 @@ from zpm2.config.local_match import GuidedConfig, LocalConfig, VisibleConfig
 from zpm2.config.photos import TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
-from zpm2.config.segment import SegmentConfig
+from zpm2.config.segment import DetailConfig, SegmentConfig
 from zpm2.config.whole import Config
 from zpm2.errors import ConfigError, did_you_mean
 
 PRESETS: dict[str, Config] = {
     "paper": Config(),
     "default": Config(
-        segment=SegmentConfig(quality="fast"),
+        segment=SegmentConfig(quality="fast", detail=DetailConfig(level="auto")),
         points=PointsConfig(rotated_retry=True),
         local_match=LocalConfig(
             shape="overlap", few_points=True, min_overlap=0.35, judge="on", visible=VisibleConfig(on=True)

@@ -8,6 +8,7 @@ from zpm2.config.fields import Word, named, number, option, options, share
 from zpm2.errors import ConfigError
 
 MEASURED = "measured, docs/results.md"
+CLOSER = "measured, docs/segmenters.md"
 
 
 def _above_zero(name: str, value: tuple[float, ...]) -> None:
@@ -48,6 +49,87 @@ class PromptConfig:
 
 
 @dataclass(frozen=True)
+class DetailConfig:
+    """Where both images are looked at again, closer, in windows of the part that both show (`guided.detail`)."""
+
+    level: Literal["off", "auto", "high"] = option(
+        "off", "auto: where little of that part is matched; high: wherever smaller regions are likely", source=CLOSER
+    )
+    min_coverage: float = share(
+        0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
+    )
+    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
+    high_windows: int = number(
+        21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
+    )
+    auto_halvings: int = number(1, "of a window's side, at most, level auto", high=10, source=CLOSER)
+    high_halvings: int = number(2, "the same, level high", high=10, source="elements a quarter as large")
+    side: float = share(
+        0.6, "of the side of that part: the windows of the first halving", above=True, source="they overlap by a fifth"
+    )
+    max_part: float = share(
+        0.75,
+        "of an image's longer side: up to it, the part that both show is a window of its own",
+        source="regions are then a third larger",
+    )
+    min_side: int = number(
+        256, "shorter windows show nothing new", unit="px", low=32, source="a decoded mask then has the image's pixels"
+    )
+    grid: int = number(
+        20,
+        "`segment.grid` of a window",
+        low=1,
+        high=1000,
+        source="0.6 of 32: as dense on the image as the whole view's",
+    )
+    cells: int = number(
+        32, "along an image's longer side, that tell which parts both show", low=4, high=256, source="as segment.grid"
+    )
+    min_blobs: int = number(
+        8, "in a window, of which no matched region of their size is known", high=100_000, source="fewer do not pay"
+    )
+    min_overlap: float = share(
+        0.6, "`local_match.min_overlap` of what a window shows", source="small regions overlap by chance more often"
+    )
+    min_points: int = number(
+        1,
+        "homologous points that such a match shares",
+        high=10_000,
+        source="without any, neighbours alone place it: 23 of 35 were right, and 154 of 166 others",
+    )
+    min_new: int = number(
+        2, "matches that a window must add, else it is the last one of its size", high=100_000, source=CLOSER
+    )
+
+
+@dataclass(frozen=True)
+class FamilyConfig:
+    """Elements that repeat: bricks, windows, roof tiles (`segment.family`). Looked for in windows of `DetailConfig`."""
+
+    max_prompts: int = number(96, "in a window, at most; 0: look for no families", high=100_000, source="limits time")
+    max_seeds: int = number(
+        24, "regions that are correlated with a window, at most", high=10_000, source="time grows with them"
+    )
+    min_members: int = number(
+        4, "elements that look alike, from which on they are a family", low=2, high=1000, source="two are chance"
+    )
+    min_correlation: float = share(
+        0.6, "of an element's surroundings with those of the first one", source="above what neighbouring texture has"
+    )
+    margin: float = share(
+        0.25, "of the shorter side of an element's box, around it, that must look alike too", source="holds the joints"
+    )
+    min_side: int = number(4, "of an element's box", unit="px of a decoded mask", low=2, high=256, source="as blobs")
+    max_side: float = share(0.25, "of the view, which an element's box may have", source="four fit beside each other")
+    min_overlap: float = share(
+        0.7,
+        "IoU of an element with the first one, moved there",
+        source="as guided.min_overlap: same size and shape",
+    )
+    known_overlap: float = share(0.5, "IoU with a known region, from which on there is no prompt", source="as a match")
+
+
+@dataclass(frozen=True)
 class SegmentConfig:
     """Regions from pixels (paper 3.2). Thresholds are those of SAM's automatic mask generator."""
 
@@ -80,6 +162,8 @@ class SegmentConfig:
     )
     gpu_batch: int = number(64, "the same on a GPU", low=1, high=512, source="SAM's automatic mask generator")
     prompts: PromptConfig = field(default_factory=PromptConfig)
+    detail: DetailConfig = field(default_factory=DetailConfig)
+    family: FamilyConfig = field(default_factory=FamilyConfig)
     min_predicted_iou: float = share(
         0.88, "masks below it are dropped: the model itself doubts them", source="SAM's automatic mask generator"
     )

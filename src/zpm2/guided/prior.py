@@ -1,12 +1,12 @@
 """What guided re-detection tells the matcher: where the left polygons should be, and which polygons are uncertain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.config import GuidedConfig
+from zpm2.config import DetailConfig, GuidedConfig
 from zpm2.global_match import Candidates
 from zpm2.model import PolygonArrays
 from zpm2.polygons.warp import WarpedPolygons
@@ -20,6 +20,8 @@ class GuidedPrior:
     confident: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (m,), (n,) passed `segment`'s thresholds
     guided: tuple[NDArray[np.bool_], NDArray[np.bool_]]  # (m,), (n,) found by prompting with the other image's
     config: GuidedConfig
+    closer: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None  # (m,), (n,) found by a closer look
+    detail: DetailConfig = field(default_factory=DetailConfig)
 
     def candidates(self, known: Candidates, right: PolygonArrays) -> Candidates:
         """`known`, and each right polygon that a warped left one touches."""
@@ -27,13 +29,21 @@ class GuidedPrior:
         return Candidates.of(np.append(known.left, i), np.append(known.right, j))
 
     def accepts(
-        self, pairs: Candidates, overlap: NDArray[np.float64], agreement: NDArray[np.float64]
+        self,
+        pairs: Candidates,
+        overlap: NDArray[np.float64],
+        agreement: NDArray[np.float64],
+        dsf: NDArray[np.int64],
     ) -> NDArray[np.bool_]:
         """(c,) whether a pair may match: both polygons are confident, or its overlap (IoU) and the agreement of its
-        points (`CandidateScores`) are high enough."""
+        points (`CandidateScores`) are high enough. What a closer look found must fit better, and share points."""
         confident = self.confident[0][pairs.left] & self.confident[1][pairs.right]
         agrees = (overlap >= self.config.min_match_overlap) & (agreement >= self.config.min_agreement)
-        return np.asarray(confident | agrees)
+        if self.closer is None:
+            return np.asarray(confident | agrees)
+        closer = self.closer[0][pairs.left] | self.closer[1][pairs.right]
+        fits = (overlap >= self.detail.min_overlap) & (dsf >= self.detail.min_points)
+        return np.asarray((confident | agrees) & (fits | ~closer))
 
     def is_guided(self, pairs: Candidates) -> NDArray[np.bool_]:
         """(c,) whether one of a pair's polygons was found by prompting with the other image's."""

@@ -40,22 +40,37 @@ MASK_CHUNK = 32  # masks at the image's resolution at a time
 
 
 @dataclass(frozen=True, eq=False)
-class ViewRegions:
-    """The regions of one view, as masks and as polygons; row k of all is one region."""
+class Regions:
+    """The regions of one image; row k of all is one region."""
 
-    view: PromptedView
-    predictions: MaskPredictions
     polygons: list[Polygon]  # without parents; ids are rows
     confident: NDArray[np.bool_]  # (n,) passed `segment`'s thresholds
     guided: NDArray[np.bool_]  # (n,) found by prompting with a polygon of the other image
+    closer: NDArray[np.bool_]  # (n,) found by a closer look (`detail`)
 
     def __len__(self) -> int:
         return len(self.polygons)
 
 
 @dataclass(frozen=True, eq=False)
-class PromptedPair:
+class ViewRegions(Regions):
+    """The regions of one view, as polygons and as masks."""
+
+    view: PromptedView
+    predictions: MaskPredictions
+
+
+@dataclass(frozen=True, eq=False)
+class DetectedPair:
     """The regions of both images, of a segmenter that takes prompts."""
+
+    left: Regions
+    right: Regions
+
+
+@dataclass(frozen=True, eq=False)
+class PromptedPair(DetectedPair):
+    """The regions of both images, each seen in one view."""
 
     left: ViewRegions
     right: ViewRegions
@@ -76,13 +91,13 @@ def detect(
     progress: Callable[[float], None] = lambda _: None,
 ) -> PromptedPair:
     """Segments everything in the left image, prompts the right image with its polygons, and segments the rest there."""
-    segment, loose = config.segment, _loose_thresholds(config)
+    segment, loose = config.segment, loose_thresholds(config)
     found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
-    left = _regions(views[0], found, config, 0)
+    left = view_regions(views[0], found, config, 0)
     accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
     known = automatic.without_duplicates(accepted.predictions, accepted.overlap, segment, views[1])
     found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))
-    return PromptedPair(left, _regions(views[1], found, config, len(known)))
+    return PromptedPair(left, view_regions(views[1], found, config, len(known)))
 
 
 def redetect(
@@ -104,26 +119,29 @@ def redetect(
     merged = automatic.without_duplicates(
         MaskPredictions.join([left.predictions, accepted.predictions]), rank, config.segment, left.view
     )
-    new = _regions(left.view, merged[np.arange(n, len(merged))], config, len(merged))
+    new = view_regions(left.view, merged[np.arange(n, len(merged))], config, len(merged))
     both = ViewRegions(
-        left.view,
-        MaskPredictions.join([left.predictions, new.predictions]),
         left.polygons + [dataclasses.replace(p, id=n + p.id) for p in new.polygons],
         np.append(left.confident, new.confident),
         np.append(left.guided, new.guided),
+        np.append(left.closer, new.closer),
+        left.view,
+        MaskPredictions.join([left.predictions, new.predictions]),
     )
     return PromptedPair(both, right)
 
 
-def guided_prior(pair: PromptedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
+def guided_prior(pair: DetectedPair, polygons: PolygonArrays, initial: InitialGeometry, config: Config) -> GuidedPrior:
     """What the matcher needs to know about the pair; `polygons` are the left ones."""
     left, right = pair.left, pair.right
     warped = warp_by_points(polygons, *initial.forward(), config.local_match)
-    return GuidedPrior(warped, (left.confident, right.confident), (left.guided, right.guided), config.guided)
+    confident, guided = (left.confident, right.confident), (left.guided, right.guided)
+    closer = left.closer, right.closer
+    return GuidedPrior(warped, confident, guided, config.guided, closer, config.segment.detail)
 
 
 def drop_unconfirmed(
-    pair: PromptedPair, matches: Sequence[PolygonMatch], config: VectorizeConfig
+    pair: DetectedPair, matches: Sequence[PolygonMatch], config: VectorizeConfig
 ) -> tuple[tuple[list[Polygon], list[Polygon]], list[PolygonMatch]]:
     """Left and right polygons that are confident or matched, with parents and with ids from 0 on, and the matches by
     these ids."""
@@ -206,7 +224,7 @@ def _predict_in(
     view: PromptedView, cover: NDArray[np.bool_], rows: NDArray[np.intp], points: int, config: Config
 ) -> MaskPredictions:
     """The masks in `view` for the shapes `rows` of `cover` (n, h, w), by so many points each; `prompt` are rows."""
-    predictions = view.predict(prompts(cover[rows], view.mask_scale, points), _loose_thresholds(config))
+    predictions = view.predict(prompts(cover[rows], view.mask_scale, points), loose_thresholds(config))
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
@@ -258,12 +276,12 @@ def _shown(
     return shown
 
 
-def _regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:
+def view_regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:
     """`predictions` as regions; the first `guided` of them were found by prompting with the other image's."""
     segment = config.segment
     polygons, rows = _traced(view, predictions, config, segment.min_area)
     confident = predictions[rows].passing(MaskThresholds(segment.min_predicted_iou, segment.min_stability))
-    return ViewRegions(view, predictions[rows], polygons, confident, rows < guided)
+    return ViewRegions(polygons, confident, rows < guided, np.zeros(len(rows), bool), view, predictions[rows])
 
 
 def _traced(
@@ -280,7 +298,7 @@ def _traced(
     return polygons, np.concatenate(rows)
 
 
-def _loose_thresholds(config: Config) -> MaskThresholds:
+def loose_thresholds(config: Config) -> MaskThresholds:
     """The thresholds of masks that the other image must confirm: never above those of segment everything."""
     segment, guided = config.segment, config.guided
     return MaskThresholds(

@@ -7,7 +7,7 @@ from typing import Literal
 from zpm2.config import Config, VectorizeConfig
 from zpm2.files.photo_paths import absolute
 from zpm2.global_match import InitialGeometry
-from zpm2.guided import redetection
+from zpm2.guided import detail, redetection
 from zpm2.guided.prior import GuidedPrior
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import about
@@ -24,7 +24,7 @@ class PairRegions:
     images: tuple[Image, Image]
     polygons: tuple[PolygonArrays, PolygonArrays]
     messages: list[str]  # warnings, and notes (`messages`)
-    prompted: redetection.PromptedPair | None = None  # where the segmenter takes prompts
+    prompted: redetection.DetectedPair | None = None  # where the segmenter takes prompts
     guided_prior: GuidedPrior | None = None
 
     def sides(
@@ -74,11 +74,11 @@ class RegionFinder:
     def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "PairRegions":
         """The polygons of both images. The right image is guided by the left one if there is `initial` geometry, the
         configuration says so and the segmenter takes prompts; else each image is segmented alone."""
-        segmenters, why_not = self.load(), None
+        segmenters, why_not, no_detail = self.load(), None, "it needs guided re-detection"
         if initial is not None and self.config.guided.direction != "off":
             prompted = [segmenter for segmenter in segmenters if isinstance(segmenter, PromptedSegmenter)]
             if any(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
-                pass  # given polygons are matched as they are
+                no_detail = "regions are given"  # and matched as they are
             elif len(prompted) < 2:
                 why_not = "the segmenter takes no prompts: no guided re-detection"
             elif not initial.supported:
@@ -91,6 +91,8 @@ class RegionFinder:
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
         (left, right), notes = zip(*found, strict=True)
         messages = _messages(images, notes, (left, right)) + ([why_not] if why_not else [])
+        if initial is not None and self.config.segment.detail.level == "high":
+            messages.append(f"no closer look (--detail high): {no_detail}")
         return PairRegions(images, (PolygonArrays(left), PolygonArrays(right)), messages)
 
     def alone(self, image: Image, side: Literal["left", "right"]) -> list[Polygon]:
@@ -101,11 +103,34 @@ class RegionFinder:
         self, found: "PairRegions", matches: Sequence[PolygonMatch], initial: InitialGeometry
     ) -> "PairRegions":
         """`found`, and the left regions that the unmatched right polygons find as prompts."""
-        assert found.prompted is not None
+        assert isinstance(found.prompted, redetection.PromptedPair)
         return self._guided(found.images, redetection.redetect(found.prompted, matches, initial, self.config), initial)
 
+    def look_closer(
+        self,
+        found: "PairRegions",
+        matches: Sequence[PolygonMatch],
+        initial: InitialGeometry,
+        match: Callable[["PairRegions"], Sequence[PolygonMatch]],
+    ) -> "PairRegions":
+        """`found`, with the matches that it has, and the regions that a closer look finds where it pays (`detail`).
+        `match` finds the matches of regions. `found` itself where nothing is to be looked at."""
+        assert found.prompted is not None
+        left, right = (segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter))
+        more = detail.look_closer(
+            found.prompted,
+            found.images,
+            lambda first, second: (left.view(first), right.view(second)),
+            initial,
+            matches,
+            lambda pair: match(self._guided(found.images, pair, initial)),
+            self.config,
+            lambda share: self.progress("detail", share),
+        )
+        return found if more is found.prompted else self._guided(found.images, more, initial)
+
     def _guided(
-        self, images: tuple[Image, Image], pair: redetection.PromptedPair, initial: InitialGeometry
+        self, images: tuple[Image, Image], pair: redetection.DetectedPair, initial: InitialGeometry
     ) -> "PairRegions":
         polygons = pair.left.polygons, pair.right.polygons
         left, right = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])

@@ -72,7 +72,7 @@ class CandidateScorer:
             found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
         near = found.overlap >= config.min_overlap
         if self.guided_prior is not None:
-            near &= self.guided_prior.accepts(pairs, found.overlap, agreement)
+            near &= self.guided_prior.accepts(pairs, found.overlap, agreement, dsf)
         rows = np.flatnonzero(near)
         pairs, dsf, agreement, found = pairs[rows], dsf[rows], agreement[rows], found[rows]
         psi = found.overlap if config.shape == "overlap" else found.area * self._graph(found.rectified, pairs)[0]

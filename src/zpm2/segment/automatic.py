@@ -34,23 +34,26 @@ def automatic_masks(
     thresholds: MaskThresholds | None = None,
     known: MaskPredictions | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    where: NDArray[np.bool_] | None = None,
 ) -> MaskPredictions:
     """The regions of a view, `known` ones first, then by score, best first.
 
     `thresholds` default to `config`'s. `known` are masks of regions that were found before, best first: the faster
     levels make no prompts inside them, and a mask that overlaps one by more than `config.nms_iou` is the same region.
-    `progress` receives the share that is done, 0..1.
+    `progress` receives the share that is done, 0..1. `where` (height, width) of a decoded mask holds the prompts; None:
+    all of the view.
     """
+    valid = has_data(view.image, view.size) if where is None else where & has_data(view.image, view.size)
     thresholds = thresholds or MaskThresholds(config.min_predicted_iou, config.min_stability)
     known = MaskPredictions.none(view.size) if known is None else known
     if config.quality == "full":
         found, points = [], grid(config.grid, view.size)
-        points = points[has_data(view.image, view.size)[_pixels(points)]]
+        points = points[valid[_pixels(points)]]
         for start in range(0, len(points), view.batch):
             found.append(view.predict(Prompts.at(points[start : start + view.batch] / view.mask_scale), thresholds))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        found = _predict_selected(view, config, thresholds, known, progress)
+        found = _predict_selected(view, config, thresholds, known, valid, progress)
     predictions = MaskPredictions.join([known, *found])
     del found
     rank = predictions.score.astype(np.float64)
@@ -69,11 +72,12 @@ def _predict_selected(
     config: SegmentConfig,
     thresholds: MaskThresholds,
     known: MaskPredictions,
+    valid: NDArray[np.bool_],
     progress: Callable[[float], None],
 ) -> list[MaskPredictions]:
-    """The masks of the prompts of the faster levels, batch by batch."""
+    """The masks of the prompts of the faster levels, batch by batch, at `valid` pixels."""
     limits, fast = config.prompts, config.quality == "fast"
-    points, valid, coverage = grid(config.grid, view.size), has_data(view.image, view.size), _Coverage(view.size)
+    points, coverage = grid(config.grid, view.size), _Coverage(view.size)
     spots = blobs(view.image, valid, limits)
     coverage.add(known.bits, known.bits)
     coverage.covered |= ~valid

@@ -149,6 +149,8 @@ class TiledRun:
             for text in about(f"{side} image", source.notes)
         ]
         notes += [] if self.points is not None else weights_notes(self.matcher.config.points)
+        if self.matcher.config.segment.detail.level == "high":
+            notes.append("no closer look (--detail high): tiles show each part closer already, make tiles.size smaller")
         segmenters = self.matcher.segmenters()
         if all(isinstance(segmenter, PolygonSource) for segmenter in segmenters):
             return notes

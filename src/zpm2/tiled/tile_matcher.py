@@ -55,7 +55,7 @@ class TileMatcher:
         min_area = min(config.tiles.min_region, config.segment.min_area)
         of_tile = replace(
             config,
-            segment=replace(config.segment, min_area=min_area),
+            segment=replace(config.segment, min_area=min_area, detail=replace(config.segment.detail, level="off")),
             max_memory=memory.UNLIMITED,  # the whole pair was checked before
         )
         segmenter = self.segmenters or _NoRegions()
