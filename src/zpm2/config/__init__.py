@@ -25,7 +25,7 @@ from zpm2.config.photos import (
     StretchConfig,
     TilesConfig,
 )
-from zpm2.config.points import PointsConfig, RotatedRetryConfig
+from zpm2.config.points import CoarseConfig, EscalateConfig, PointsConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, as_config, preset
 from zpm2.config.reconstruct import ReconstructConfig
@@ -41,9 +41,11 @@ __all__ = [
     "CellsConfig",
     "ChanceConfig",
     "CloudConfig",
+    "CoarseConfig",
     "ConfidenceConfig",
     "Config",
     "DegeneracyConfig",
+    "EscalateConfig",
     "ExclusiveConfig",
     "FocalConfig",
     "GlobalConfig",
@@ -58,7 +60,6 @@ __all__ = [
     "PromptConfig",
     "RasterConfig",
     "ReconstructConfig",
-    "RotatedRetryConfig",
     "SegmentConfig",
     "StereoConfig",
     "StitchConfig",
