@@ -141,11 +141,30 @@ def test_worse_points_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert look(points).initial.agreeing >= 40
 
 
-def test_points_of_another_turn_are_dropped_and_the_better_turn_wins(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, seen = finder(monkeypatch, {"xfeat": scene(60)})
+def test_the_turn_with_more_evidence_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hint is tried at the turn of its similarity and at the turn at which it was seen; then one of them stays."""
+    points, _ = finder(monkeypatch, {})
+    shown: list[float] = []
+
+    def look_at(images: object, matcher: object, hint: Hint, sizes: object, config: object) -> PointMatches:
+        shown.append(hint.turn)
+        return scene(150 if hint.turn == 135.0 else 9, len(shown))
+
     monkeypatch.setattr(pair_points, "hints", lambda images, opened, config: [Hint(90.0, 1.0, -50.0, "xfeat", 135.0)])
-    look(points)
-    assert seen.count("xfeat@300") + seen.count("xfeat@299") + len(seen) > 3  # both turns are tried
+    monkeypatch.setattr(pair_points, "_look", look_at)
+    found = look(points)
+    assert shown[:3] == [90.0, 135.0, 135.0]
+    assert 90.0 not in shown[2:]
+    assert found.initial.agreeing > 200
+
+
+def test_the_first_look_is_left_out_where_it_looked_at_the_wrong_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, _ = finder(monkeypatch, {"xfeat": scene(30)})
+    monkeypatch.setattr(pair_points, "_look", lambda *_: scene(120, 7))
+    for turn, kept in ((0.0, 150), (180.0, 120)):
+        hint = Hint(turn, 1.0, -50.0, "sift", turn)
+        monkeypatch.setattr(pair_points, "hints", lambda images, opened, config, hint=hint: [hint])
+        assert len(look(points).initial.points) == kept
 
 
 def test_the_same_pair_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,8 +93,7 @@ class PointFinder:
         found = hints(images, opened, config.coarse)
         notes += [f"looked again: {hint}" for hint in found]
         candidates = _candidates(found, config) or [AS_THEY_ARE]
-        best, kept, made = first, [first.points], set[tuple[str, Hint, tuple[int, int]]]()
-        decided = False
+        best, looks, made = first, [(AS_THEY_ARE, first)], set[tuple[str, Hint, tuple[int, int]]]()
         for search in config.searches:
             method, side = parts_of_search(search)
             if reason := _too_large(method, side):
@@ -102,21 +101,19 @@ class PointFinder:
                 continue
             if (matcher := opened(method, config.max_keypoints)) is None:
                 continue
-            looks = []
             for hint in candidates:
-                look = method, hint, view_sizes(images, hint, side)
-                if look not in made and len(made) < config.max_looks:
-                    made.add(look)
-                    looks.append((self._geometry(_look(images, matcher, hint, look[2], config)), hint))
-                    notes.append(f"looked again: {search}, turned by {hint.turn:.0f}: {_told(looks[-1][0])}")
-            if not looks:
-                continue
-            here, hint = min(looks, key=lambda look: look[0].chance)
-            if not decided and here.supported:
-                candidates, decided = [hint], True
-                kept = [first.points] if _as_first(hint, config) else []
-            kept.append(here.points)
-            points = PointMatches.join(kept)
+                sizes = view_sizes(images, hint, side)
+                if (method, hint, sizes) not in made and len(made) < config.max_looks:
+                    made.add((method, hint, sizes))
+                    looks.append((hint, self._geometry(_look(images, matcher, hint, sizes, config))))
+                    notes.append(f"looked again: {search}, turned by {hint.turn:.0f}: {_told(looks[-1][1])}")
+            hint, here = min(looks[1:], key=lambda look: look[1].chance, default=looks[0])
+            if here.supported:
+                candidates = [hint]
+                seen = [each.points for other, each in looks if _sees_alike(hint, other, config)]
+            else:
+                seen = [each.points for _, each in looks]
+            points = PointMatches.join(seen)
             best = self._geometry(points[distinct(points, config.merge_px)], trials=1 + len(made))
             if is_safe(best, images, config):
                 break
@@ -187,12 +184,11 @@ def _candidates(found: list[Hint], config: EscalateConfig) -> list[Hint]:
     return [h for n, h in enumerate(both) if n % 2 == 0 or apart(h.turn, both[n - 1].turn) > config.coarse.min_turn]
 
 
-def _as_first(hint: Hint, config: EscalateConfig) -> bool:
-    """Whether the first look, at no turn and no zoom, may have seen what a look by this hint sees. Else its points are
-    wrong."""
+def _sees_alike(hint: Hint, other: Hint, config: EscalateConfig) -> bool:
+    """Whether a look by the one hint may see what a look by the other does. Else the points of one are wrong."""
     coarse = config.coarse
     most = coarse.same_zoom**2
-    return apart(hint.turn, 0.0) <= 2 * coarse.min_turn and 1 / most <= hint.scale <= most
+    return apart(hint.turn, other.turn) <= 3 * coarse.min_turn and 1 / most <= hint.scale / other.scale <= most
 
 
 def _cells(points: NDArray[np.float64], image: Image) -> int:
