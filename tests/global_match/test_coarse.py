@@ -55,22 +55,23 @@ def test_points_in_one_place_are_no_evidence() -> None:
     assert found is None or found.chance > -CONFIG.significance
 
 
+def sift_only(method: str, keypoints: int) -> features.PointMatcher | None:
+    """It needs no weights."""
+    chosen = PointsConfig(methods=("sift",), max_keypoints=keypoints)
+    return features.create(chosen) if method == "sift" else None
+
+
 @pytest.mark.parametrize(("turn", "zoom"), [(0, 1.0), (150, 1.0), (-70, 2.0), (150, 4.0), (35, 0.25)])
 def test_turn_and_zoom_of_a_texture(turn: float, zoom: float) -> None:
-    """By SIFT alone, which needs no weights."""
     left = Image(texture(960, 720))
     truth = np.vstack([cv2.getRotationMatrix2D((480, 360), turn, zoom), [0, 0, 1]])
     right = Image(warped(left.rgb, truth))
-
-    def sift_only(method: str, keypoints: int) -> features.PointMatcher | None:
-        chosen = PointsConfig(methods=("sift",), max_keypoints=keypoints)
-        return features.create(chosen) if method == "sift" else None
-
     found = hints((left, right), sift_only, CONFIG)
     jacobian = geometry.homography_jacobian(truth, np.array([[480.0, 360.0]]))[0]
     assert len(found) == 1
     assert apart(found[0].turn, -math.degrees(math.atan2(jacobian[1, 0], jacobian[0, 0]))) < 3
     assert found[0].scale == pytest.approx(zoom, rel=0.05)
+    assert found[0].seen_at == found[0].turn  # SIFT sees the same at any turn
     assert "sift sees a turn" in str(found[0])
     assert hints((left, right), sift_only, CONFIG) == found
 
@@ -78,11 +79,4 @@ def test_turn_and_zoom_of_a_texture(turn: float, zoom: float) -> None:
 def test_unrelated_textures_give_no_hint() -> None:
     rng = np.random.default_rng(0)
     images = [Image(cv2.blur(rng.integers(0, 255, (480, 640, 3), np.uint8), (k, k))) for k in (3, 5)]
-    found = hints(
-        (images[0], images[1]),
-        lambda method, n: (
-            features.create(PointsConfig(methods=("sift",), max_keypoints=n)) if method == "sift" else None
-        ),
-        CONFIG,
-    )
-    assert found == []
+    assert hints((images[0], images[1]), sift_only, CONFIG) == []

@@ -31,7 +31,7 @@ class Hint:
     scale: float  # right px per left px
     chance: float  # log10 of how many similarities as good are expected by chance
     method: str = ""  # that found it
-    seen_at: float = 0.0  # degrees by which the right photograph was turned when it was found
+    seen_at: float = 0.0  # degrees by which the right photograph was turned when it was found; `turn` if any will do
 
     def __str__(self) -> str:
         turn, zoom = f"a turn by {-self.turn:.0f} degrees", f"a zoom of {self.scale:.2f}"
@@ -63,6 +63,7 @@ class _Look:
     keypoints: int
     sizes: tuple[int, int]  # px, longer sides of the left and the right view
     turns: tuple[int, ...]  # of the right view, degrees
+    any_turn: bool = False  # the method sees the same at any turn
     only_if_none: bool = False  # made where those before it found nothing
 
 
@@ -71,7 +72,7 @@ def _looks(config: CoarseConfig) -> list[_Look]:
     size, points = config.size, config.max_keypoints
     wide, near = round(size * config.zoom**0.5), round(size / config.zoom**0.5)
     return [
-        _Look("sift", config.sift_keypoints, (config.sift_size, config.sift_size), (0,)),
+        _Look("sift", config.sift_keypoints, (config.sift_size, config.sift_size), (0,), any_turn=True),
         _Look("xfeat", points, (size, size), config.turns),
         _Look("aliked", points, (size, size), config.aliked_turns, only_if_none=True),
         _Look("xfeat", points, (wide, near), config.turns, only_if_none=True),
@@ -105,7 +106,7 @@ def _compared(images: Images, matcher: PointMatcher, look: _Look, config: Coarse
     for turn, right, points in zip(look.turns, turned, searched, strict=True):
         fitted = similarity(to_originals(points, left, right), reach)
         if fitted is not None and fitted.chance <= -config.significance:
-            found.append(replace(fitted, method=look.method, seen_at=float(turn)))
+            found.append(replace(fitted, method=look.method, seen_at=fitted.turn if look.any_turn else float(turn)))
     return found
 
 
