@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from zpm2 import config as configuration
 from zpm2 import memory
 from zpm2.config import Config, EscalateConfig, PointsConfig
+from zpm2.contract.scenes import texture, warped
 from zpm2.errors import ConfigError, WeightsError
+from zpm2.geometry import project
 from zpm2.global_match import initial_geometry, pair_points
 from zpm2.global_match.coarse import Hint
 from zpm2.global_match.pair_points import PointFinder, is_safe, view_sizes
@@ -223,3 +226,22 @@ def test_an_unknown_search_is_refused() -> None:
 def test_results_of_earlier_versions_are_read() -> None:
     old = {"points": {"rotated_retry": True, "retry": {"sizes": [640]}, "max_keypoints": 77}}
     assert configuration.recorded(old).points.max_keypoints == 77
+
+
+@pytest.mark.weights
+@pytest.mark.parametrize(("turn", "zoom"), [(70, 0.8), (180, 1.0)])
+def test_turned_photographs(turn: float, zoom: float) -> None:
+    """XFeat alone does not tolerate such turns."""
+    left = Image(texture(480, 360))
+    truth = np.vstack([cv2.getRotationMatrix2D((240, 180), turn, zoom), [0, 0, 1]])
+    right = Image(warped(left.rgb, truth))
+    chosen = configuration.preset("default")
+
+    def good(escalate: bool) -> int:
+        settings = replace(chosen.points, escalate=replace(chosen.points.escalate, on=escalate))
+        points = PointFinder(replace(chosen, points=settings), "cpu")
+        found = points((left, right), StageTimer(lambda stage, share: None)).initial.points
+        return int((np.linalg.norm(project(truth, found.left) - found.right, axis=1) < 3).sum())
+
+    assert good(escalate=False) < 20
+    assert good(escalate=True) > 100
