@@ -94,8 +94,15 @@ def test_searches_follow_in_order_until_one_is_safe(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("looks", [1, 2, 3])
 def test_the_budget_is_a_number_of_searches(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
     points, seen = finder(monkeypatch, {}, max_looks=looks)
+    monkeypatch.setattr(pair_points, "hints", lambda images, opened, config: [Hint(0.0, 1.0, -50.0)])
     assert look(points).initial.agreeing == 0
     assert seen == ["xfeat@640", "xfeat@300", "aliked@300", "aliked@500"][: looks + 1]
+
+
+def test_without_a_hint_it_soon_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, seen = finder(monkeypatch, {})
+    look(points)
+    assert seen == ["xfeat@640", "xfeat@300", "aliked@300"]
 
 
 def test_it_can_be_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:

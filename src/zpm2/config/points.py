@@ -137,6 +137,12 @@ class EscalateConfig:
     max_looks: int = number(
         6, "searches at most, those at several turns counted each", low=1, source="10 s on two cores, docs/points.md"
     )
+    max_looks_without_hint: int = number(
+        2,
+        "the same where the coarse pass found nothing",
+        low=1,
+        source="such photographs mostly show two scenes, docs/points.md",
+    )
     max_keypoints: int = number(
         2048,
         "per view",

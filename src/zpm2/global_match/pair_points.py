@@ -93,6 +93,7 @@ class PointFinder:
         found = hints(images, opened, config.coarse)
         notes += [f"looked again: {hint}" for hint in found]
         candidates = _candidates(found, config) or [AS_THEY_ARE]
+        most = config.max_looks if found else min(config.max_looks, config.max_looks_without_hint)
         best, looks, made = first, [(AS_THEY_ARE, first)], set[tuple[str, Hint, tuple[int, int]]]()
         for search in config.searches:
             method, side = parts_of_search(search)
@@ -103,7 +104,7 @@ class PointFinder:
                 continue
             for hint in candidates:
                 sizes = view_sizes(images, hint, side)
-                if (method, hint, sizes) not in made and len(made) < config.max_looks:
+                if (method, hint, sizes) not in made and len(made) < most:
                     made.add((method, hint, sizes))
                     looks.append((hint, self._geometry(_look(images, matcher, hint, sizes, config))))
                     notes.append(f"looked again: {search}, turned by {hint.turn:.0f}: {_told(looks[-1][1])}")
