@@ -48,10 +48,10 @@ def regions_of(each: EvalPair, folder: Path, segmenter: Any, settings: config.Co
     result = MatchResult.load(folder)
     shapes = np.array([polygon.shape for polygon in result.left.polygons], object)
     names = [str(polygon.id) for polygon in result.left.polygons]
-    start = process_time()
-    found = pair.carry(images, shapes, names, result.points, segmenter, settings)
-    seconds = (process_time() - start) / max(len(shapes), 1)
     initial = initial_geometry(result.points, settings.global_match, settings.seed)
+    start = process_time()
+    found = pair.carry(images, shapes, names, initial, segmenter, settings)
+    seconds = (process_time() - start) / max(len(shapes), 1)
     place = places(shapes, initial, settings.carry, settings.local_match)
     view = segmenter.view(images[1])
     cover = view.cover(place.shapes)

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from zpm2 import config, features
+from zpm2 import config
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
-from zpm2.global_match import points_with_data
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import PointMatches
 from zpm2.photos.images import read_image
+from zpm2.runtime import StageTimer
 
 Size = tuple[int, int]  # width, height, px
 
@@ -20,16 +21,16 @@ class KnownPoints:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.matcher = None
+        self.finder: PointFinder | None = None
         folder.mkdir(parents=True, exist_ok=True)
 
     def __call__(self, name: str, left: Path, right: Path) -> tuple[PointMatches, Size, Size]:
         """The points of a pair and the sizes of its images."""
         file = self.folder / (name.replace("/", "__") + ".npz")
         if not file.exists():
-            self.matcher = self.matcher or features.create(config.preset("default").points)
+            self.finder = self.finder or PointFinder(config.preset("default"), "cpu")
             images = read_image(left, "left image"), read_image(right, "right image")
-            found = points_with_data(self.matcher.match(*images), images)
+            found = self.finder(images, StageTimer(lambda stage, share: None)).initial.points
             size = [side for image in images for side in (image.width, image.height)]
             np.savez(file, left=found.left, right=found.right, score=found.score, size=size)
         kept = np.load(file)

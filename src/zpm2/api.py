@@ -86,7 +86,7 @@ class Matcher:
             return carrying.carry(
                 sources,
                 opened_file,
-                self._whole.point_matcher,
+                self._whole.points,
                 lambda: self._whole.segmenters()[1],
                 self.config,
                 rigid,

@@ -36,6 +36,12 @@ def whole(config: Config, sizes: Sequence[Size], own_regions: bool) -> float:
     return MEMORY["program"] + max(networks, *points) + each * sum(areas)
 
 
+def search(method: str, side: int) -> float:
+    """Bytes while a point method looks at a view of side x side px."""
+    working = METHODS.get(method).info if method in METHODS else None
+    return MEMORY["program"] + (working.working_bytes + working.bytes_per_pixel * side**2 if working else 0.0)
+
+
 def in_tiles(config: Config, sizes: Sequence[Size], held: float, own_regions: bool) -> float:
     """Bytes for a pair matched in tiles, including the `held` bytes that the photographs take all the time."""
     side = config.tiles.size

@@ -10,8 +10,9 @@ from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.features import METHODS, PointMatcher, check_methods, weights_notes
-from zpm2.global_match import InitialGeometry, initial_geometry, locate, points_with_data, search_candidates
+from zpm2.global_match import InitialGeometry, locate, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
 from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.local_match.unmatched import with_reasons
@@ -66,7 +67,8 @@ class PairMatcher:
             check_methods(self.config.points)
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
-        self._points, self._points_given = points, points is not None
+        self._points_given = points is not None
+        self._points = PointFinder(self.config, self.device, points, self._regions.download, say)
         self.lock = self._regions.lock
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
@@ -89,11 +91,10 @@ class PairMatcher:
             images = read_image(left, "left image", raster), read_image(right, "right image", raster)
         estimate.refuse_whole(config, [(image.width, image.height) for image in images], self._regions.given)
         with timer("load"):
-            matcher = self._load_points()
+            self._points.load()
             self._regions.load()
-        with timer("points"):
-            points = points_with_data(matcher.match(*images), images)
-            initial = initial_geometry(points, config.global_match, config.seed)
+        looked = self._points(images, timer)
+        initial = looked.initial
         with timer("detect"):
             found = self._regions.detect(images, initial)
         with timer("global"):
@@ -115,7 +116,7 @@ class PairMatcher:
             matches = same_scene_matches(matches, initial.same_scene)
         sides, matches = found.sides(matches, config.vectorize)
         sides = self._with_reasons(sides, matches, initial)
-        messages = [*found.messages, *geometry_warnings(initial)]
+        messages = [*looked.notes, *found.messages, *geometry_warnings(initial)]
         messages += [] if self._points_given else weights_notes(config.points)
         messages += [*location_notes(problem.locations, config.global_match), *rejected, *no_matches(matches)]
         warnings, notes = split(messages)
@@ -123,7 +124,7 @@ class PairMatcher:
             left=sides[0],
             right=sides[1],
             matches=matches,
-            points=points,
+            points=initial.points,
             fundamental=initial.fundamental,
             homography=initial.homography,
             config=config.to_dict(),
@@ -143,10 +144,11 @@ class PairMatcher:
         with self.lock:
             return self._regions.load()
 
-    def point_matcher(self) -> PointMatcher:
-        """The point matcher, loaded, for use in another matcher."""
+    def points(self) -> PointFinder:
+        """What finds the points of a pair, loaded, for use in another matcher."""
         with self.lock:
-            return self._load_points()
+            self._points.load()
+            return self._points
 
     def _match(self, found: PairRegions, initial: InitialGeometry) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from."""
@@ -166,10 +168,3 @@ class PairMatcher:
         config = self.config.local_match
         warped = warp_by_points(left, *initial.forward(), config), warp_by_points(right, *initial.backward(), config)
         return with_reasons(sides, matches, warped, config)
-
-    def _load_points(self) -> PointMatcher:
-        if self._points is None:
-            from zpm2 import features
-
-            self._points = features.create(self.config.points, self.device, progress=self._regions.download)
-        return self._points

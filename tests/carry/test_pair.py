@@ -7,6 +7,7 @@ from painted import PaintedSegmenter, PaintedView, Region, blank
 
 from zpm2 import config, geometry
 from zpm2.carry import pair
+from zpm2.global_match import initial_geometry
 from zpm2.model import PointMatches
 from zpm2.polygons.overlap import iou
 
@@ -31,11 +32,15 @@ def points(matrix=H, count=600, inside=None):
     return PointMatches(at, geometry.project(matrix, at), np.ones(len(at)))
 
 
+def geometry_of(known=None):
+    return initial_geometry(points() if known is None else known, CONFIG.global_match, CONFIG.seed)
+
+
 def carried(given, right_regions, known=None, names=None):
     images = blank(SIZE, SIZE, 1), blank(SIZE, SIZE, 2)
     segmenter = PaintedSegmenter([PaintedView(images[1], right_regions)])
     names = names or [str(k) for k in range(len(given))]
-    return pair.carry(images, np.array(given, object), names, points() if known is None else known, segmenter, CONFIG)
+    return pair.carry(images, np.array(given, object), names, geometry_of(known), segmenter, CONFIG)
 
 
 def test_each_region_is_found_where_the_points_put_it():
@@ -116,7 +121,7 @@ def test_a_region_of_two_parts_keeps_both():
 def test_rigid_outlines_keep_their_form():
     images = blank(SIZE, SIZE, 1), blank(SIZE, SIZE, 2)
     turned = np.array([[0.0, -2.0, 230.0], [2.0, 0.0, 20.0], [0, 0, 1]])
-    found = pair.moved_only(images, np.array(CELLS[:1], object), points(turned), CONFIG, None)
+    found = pair.moved_only(images, np.array(CELLS[:1], object), geometry_of(points(turned)), CONFIG, None)
     shape = found[0].shape
     assert found[0].status in ("found", "in part")
     assert shape.area == pytest.approx(4 * CELLS[0].area, rel=1e-3)

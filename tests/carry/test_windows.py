@@ -10,7 +10,7 @@ from zpm2.model import Polygon
 
 TURN = np.array([[0.0, -0.8, 760.0], [0.8, 0.0, 20.0], [0, 0, 1]])  # a quarter turn, reduced
 SHIFT = np.array([[1.0, 0.02, -60.0], [-0.02, 1.0, 25.0], [0, 0, 1]])
-SETTINGS = ["points.methods=sift", "points.rotated_retry=false", "carry.window=256", "segment.model=classical"]
+SETTINGS = ["points.methods=sift", "points.escalate.on=false", "carry.window=256", "segment.model=classical"]
 CONFIG = config.assign(config.preset("default"), SETTINGS)
 SQUARES = [
     Polygon(k, np.array([(x, y), (x + 40, y), (x + 40, y + 40), (x, y + 40)], float))

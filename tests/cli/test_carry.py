@@ -13,7 +13,7 @@ from zpm2.errors import ConfigError, InputError
 from zpm2.evaluate.rendered import render_scene
 from zpm2.evaluate.rendered.files import save_scene
 
-SETTINGS = ["points.rotated_retry=false", "segment.model=classical", "points.methods=sift"]
+SETTINGS = ["points.escalate.on=false", "segment.model=classical", "points.methods=sift"]
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,11 @@ import pytest
 from test_tiled_matcher import ColourSegmenter, OrbPoints, config, iou, scene, visible, warped
 
 from zpm2.api import Matcher
-from zpm2.config import RotatedRetryConfig
+from zpm2.config import preset
 from zpm2.errors import InputError
-from zpm2.features.rotated_retry import RotatedRetry
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import Image, PointMatches
+from zpm2.runtime import StageTimer
 from zpm2.tiled.whole import in_tiles
 
 SHIFT = ((1, 0, -14.0), (0, 1, 3.0), (0, 0, 1))
@@ -100,8 +101,8 @@ def test_a_strip_is_not_turned():
             return PointMatches.empty()
 
     strip = Image(np.broadcast_to(np.zeros(1, np.uint8), (200, 10_000, 3)))
-    matcher = RotatedRetry(Points(), lambda: pytest.fail("a strip is searched once"), 1600, RotatedRetryConfig())
-    assert len(matcher.match(strip, strip)) == 0
+    found = PointFinder(preset("default"), "cpu", Points())((strip, strip), StageTimer(lambda stage, share: None))
+    assert len(found.initial.points) == 0
 
 
 @pytest.mark.parametrize(("size", "tiles"), [((4000, 3900), False), ((4000, 4001), True), ((3000, 90), True)])

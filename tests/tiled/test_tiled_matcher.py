@@ -26,7 +26,7 @@ from zpm2.tiled import windows
 H = np.array([[0.99, 0.05, 40.0], [-0.04, 1.01, 55.0], [-6e-6, 4e-6, 1]])
 CORNER = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's pixel centres at 0
 TURNED = {0: None, 90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180}
-SETTINGS = ["device=cpu", "tiles.mode=on", "tiles.size=512", "guided.direction=off", "points.rotated_retry=false"]
+SETTINGS = ["device=cpu", "tiles.mode=on", "tiles.size=512", "guided.direction=off", "points.escalate.on=false"]
 
 
 class ColourSegmenter:

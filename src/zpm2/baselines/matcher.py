@@ -16,7 +16,8 @@ from zpm2.baselines.vote import Vote
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
 from zpm2.features import PointMatcher, check_methods, weights_notes
-from zpm2.global_match import Candidates, initial_geometry, points_with_data
+from zpm2.global_match import Candidates
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import RegionFinder, no_matches
 from zpm2.local_match.shared_points import lookup
 from zpm2.model import Image, PointMatches, PolygonMatch
@@ -63,7 +64,8 @@ class BaselineMatcher:
         self.progress = progress
         self._regions = RegionFinder(self.config, segmenter, progress, say)
         self._encoder = Encoder(self.config, say, self._regions.download)
-        self._points, self._points_given = points, points is not None
+        self._points_given = points is not None
+        self._points = PointFinder(self.config, resolve_device(self.config.device), points, self._regions.download, say)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs and errors are those of `Matcher`. Large pairs are matched as a whole, too, with a
@@ -86,20 +88,24 @@ class BaselineMatcher:
     def _match(self, left: Image, right: Image) -> MatchResult:
         method, images, timer = self.method, (left, right), StageTimer(self.progress)
         with timer("load"):
-            matcher = self._load_points() if method.uses_points else None
+            if method.uses_points:
+                self._points.load()
             segmenters = self._regions.load()
-        points, initial = PointMatches.empty(), None
-        if matcher is not None:
-            with timer("points"):
-                points = points_with_data(matcher.match(left, right), images)
-                initial = initial_geometry(points, self.config.global_match, self.config.seed)
+        looked = self._points(images, timer) if method.uses_points else None
+        points, initial = (looked.initial.points, looked.initial) if looked else (PointMatches.empty(), None)
         with timer("detect"):
             found = self._regions.detect(images, initial)
         self._encoder.begin(images, segmenters)
         pair = RegionPair(images, found.polygons, points, self._encoder.embed, self.config.seed)
         pairing = method.match(pair, timer)
         sides, matches = found.sides(_matches(pair, pairing), self.config.vectorize)
-        messages = [*found.messages, *map(Note, method.notes), *self._encoder.notes, *no_matches(matches)]
+        messages = [
+            *(looked.notes if looked else []),
+            *found.messages,
+            *map(Note, method.notes),
+            *self._encoder.notes,
+            *no_matches(matches),
+        ]
         if method.uses_points and not self._points_given:
             messages += weights_notes(self.config.points)
         warnings, notes = split(messages)
@@ -115,14 +121,6 @@ class BaselineMatcher:
             warnings=warnings,
             notes=notes,
         )
-
-    def _load_points(self) -> PointMatcher:
-        if self._points is None:
-            from zpm2 import features
-
-            device = resolve_device(self.config.device)
-            self._points = features.create(self.config.points, device, progress=self._regions.download)
-        return self._points
 
 
 def _matches(pair: RegionPair, pairing: Pairing) -> list[PolygonMatch]:

@@ -15,8 +15,8 @@ from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.places import Places, Shape, places
 from zpm2.config import CarryConfig, Config
-from zpm2.global_match import InitialGeometry, initial_geometry, points_with_data
-from zpm2.model import Image, PointMatches
+from zpm2.global_match import InitialGeometry
+from zpm2.model import Image
 from zpm2.polygons.simplify import simplify
 from zpm2.polygons.trace import trace
 from zpm2.polygons.vectorize import without_small_holes
@@ -32,14 +32,12 @@ def carry(
     images: tuple[Image, Image],
     shapes: Shapes,
     names: Sequence[str],
-    points: PointMatches,
+    initial: InitialGeometry,
     segmenter: PromptedSegmenter,
     config: Config,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Outcome]:
-    """What became of each of (n,) shapes, left px. `names` are what reasons call them; `points` are the pair's."""
-    points = points_with_data(points, images)
-    initial = initial_geometry(points, config.global_match, config.seed)
+    """What became of each of (n,) shapes, left px. `names` are what reasons call them; `initial` is the pair's."""
     found = places(shapes, initial, config.carry, config.local_match)
     size = images[1].width, images[1].height
     near = np.array([not _is_outside(found, k, size, config.carry) for k in range(len(shapes))], bool)
@@ -183,12 +181,10 @@ def _outcome(
 
 
 def moved_only(
-    images: tuple[Image, Image], shapes: Shapes, points: PointMatches, config: Config, linear: Array | None
+    images: tuple[Image, Image], shapes: Shapes, initial: InitialGeometry, config: Config, linear: Array | None
 ) -> list[Outcome]:
     """The shapes moved without change of form: by the similarity nearest to their map, or by `linear` (2, 2), that of
     two georeferences, and the shift that the points tell. No photograph is segmented."""
-    points = points_with_data(points, images)
-    initial: InitialGeometry = initial_geometry(points, config.global_match, config.seed)
     found, size = places(shapes, initial, config.carry, config.local_match), (images[1].width, images[1].height)
     results = []
     for k, shape in enumerate(shapes):

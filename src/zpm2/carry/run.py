@@ -13,10 +13,12 @@ from zpm2.carry.outcome import Outcome, missing
 from zpm2.carry.result import CarryResult, Side
 from zpm2.config import Config
 from zpm2.errors import ConfigError, InputError
-from zpm2.features import PointMatcher, weights_notes
+from zpm2.features import weights_notes
 from zpm2.formats.regions.outlines import shape_of
 from zpm2.formats.regions.region import GivenRegion, RegionFile
 from zpm2.formats.regions.registry import open_regions
+from zpm2.global_match import initial_geometry, points_with_data
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import Polygon
 from zpm2.model.messages import split
 from zpm2.photos.images import whole
@@ -35,7 +37,7 @@ def opened_regions(regions: Regions) -> RegionFile | Sequence[Polygon]:
 def carry(
     sources: tuple[Source, Source],
     regions: RegionFile | Sequence[Polygon],
-    matcher: Callable[[], PointMatcher],
+    finder: Callable[[], PointFinder],
     segmenter: Callable[[], Segmenter],
     config: Config,
     rigid: bool,
@@ -51,16 +53,16 @@ def carry(
         box = shapely.box(0, 0, left.width, left.height)
         usable = [k for k, shape in enumerate(shapes) if shape is not None and shape.intersects(box)]
     with timer("load"):
-        points = matcher()
+        points = finder()
         own = None if rigid else segmenter()
         prompted = None if own is None else _prompted(own, config)
     names = [region.source_id or str(region.row) for region in given]
     chosen = np.array([shapes[k] for k in usable], object)
     chosen_names = [names[k] for k in usable]
     if max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window:
-        found = _whole(sources, chosen, chosen_names, points, prompted, config, timer)
+        found = _whole(sources, chosen, chosen_names, points, prompted, config, timer, notes)
     else:
-        found = _by_windows(sources, chosen, chosen_names, points, prompted, config, timer)
+        found = _by_windows(sources, chosen, chosen_names, points, prompted, config, timer, notes)
     nothing = Outcome("not found", "it has no area in the left photograph", None, 0.0, None)
     by_row = dict(zip(usable, found, strict=True))
     outcomes = [by_row.get(k, nothing) for k in range(len(given))]
@@ -87,21 +89,22 @@ def _whole(
     sources: tuple[Source, Source],
     shapes: NDArray[np.object_],
     names: Sequence[str],
-    matcher: PointMatcher,
+    finder: PointFinder,
     segmenter: PromptedSegmenter | None,
     config: Config,
     timer: StageTimer,
+    notes: list[str],
 ) -> list[Outcome]:
     estimate.refuse_whole(config, [(source.width, source.height) for source in sources], segmenter is None)
     with timer("read"):
         images = whole(sources[0], "left image"), whole(sources[1], "right image")
-    with timer("points"):
-        points = matcher.match(*images)
+    looked = finder(images, timer)
+    notes += looked.notes
     with timer("carry"):
         if segmenter is None:
-            return pair.moved_only(images, shapes, points, config, _ground_map(sources))
+            return pair.moved_only(images, shapes, looked.initial, config, _ground_map(sources))
         return pair.carry(
-            images, shapes, names, points, segmenter, config, lambda share: timer.progress("carry", share)
+            images, shapes, names, looked.initial, segmenter, config, lambda share: timer.progress("carry", share)
         )
 
 
@@ -109,13 +112,14 @@ def _by_windows(
     sources: tuple[Source, Source],
     shapes: NDArray[np.object_],
     names: Sequence[str],
-    matcher: PointMatcher,
+    finder: PointFinder,
     segmenter: PromptedSegmenter | None,
     config: Config,
     timer: StageTimer,
+    notes: list[str],
 ) -> list[Outcome]:
-    with timer("points"):
-        initial = windows.overview(sources, matcher, config)
+    initial, told = windows.overview(sources, finder, config, timer)
+    notes += told
     found: dict[int, Outcome] = {}
     with timer("carry"):
         for rows, views in windows.window_pairs(sources, shapes, initial, config):
@@ -126,11 +130,12 @@ def _by_windows(
                 continue
             images = views.left.image, views.right.image
             there = windows.to_view(shapes[rows], views.left)
-            points = matcher.match(*images)
+            found_here = points_with_data(finder.load().match(*images), images)
+            here = initial_geometry(found_here, config.global_match, config.seed)
             if segmenter is None:
-                made = pair.moved_only(images, there, points, config, None)
+                made = pair.moved_only(images, there, here, config, None)
             else:
-                made = pair.carry(images, there, [names[row] for row in rows], points, segmenter, config)
+                made = pair.carry(images, there, [names[row] for row in rows], here, segmenter, config)
             found |= {int(row): windows.from_view(each, views.right) for row, each in zip(rows, made, strict=True)}
             timer.progress("carry", len(found) / len(shapes))
     return [found[k] for k in range(len(shapes))]

@@ -11,11 +11,12 @@ from zpm2 import geometry
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.places import places
 from zpm2.config import Config
-from zpm2.features import PointMatcher
 from zpm2.global_match import InitialGeometry, initial_geometry
+from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import PointMatches
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source, reduced
+from zpm2.runtime import StageTimer
 from zpm2.tiled.view import TileView, applied_turn, read_view, reduced_size
 
 Array = NDArray[np.float64]
@@ -31,11 +32,14 @@ class WindowPair:
     right: TileView
 
 
-def overview(sources: tuple[Source, Source], matcher: PointMatcher, config: Config) -> InitialGeometry:
-    """The geometry of the pair from both photographs reduced, px of the photographs."""
-    images = [reduced(source, config.points.max_size) for source in sources]
+def overview(
+    sources: tuple[Source, Source], finder: PointFinder, config: Config, timer: StageTimer
+) -> tuple[InitialGeometry, list[str]]:
+    """The geometry of the pair from both photographs reduced, px of the photographs; and notes."""
+    images = reduced(sources[0], config.points.max_size), reduced(sources[1], config.points.max_size)
     scale = [np.array([s.width / i.width, s.height / i.height]) for s, i in zip(sources, images, strict=True)]
-    found = matcher.match(images[0], images[1])
+    looked = finder(images, timer)
+    found = looked.initial.points
     points = PointMatches(found.left * scale[0], found.right * scale[1], found.score)
     coarse = max(1.0, *(float(each.max()) for each in scale))  # px of the photographs for one that was seen
     settings = replace(
@@ -43,7 +47,7 @@ def overview(sources: tuple[Source, Source], matcher: PointMatcher, config: Conf
         epipolar_px=config.global_match.epipolar_px * coarse,
         homography_px=config.global_match.homography_px * coarse,
     )
-    return initial_geometry(points, settings, config.seed)
+    return initial_geometry(points, settings, config.seed), looked.notes
 
 
 def window_pairs(

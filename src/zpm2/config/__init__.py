@@ -28,7 +28,7 @@ from zpm2.config.photos import (
     StretchConfig,
     TilesConfig,
 )
-from zpm2.config.points import PointsConfig, RotatedRetryConfig
+from zpm2.config.points import CoarseConfig, EscalateConfig, PointsConfig
 from zpm2.config.pose import DegeneracyConfig, FocalConfig, PoseConfig
 from zpm2.config.presets import PRESETS, as_config, preset
 from zpm2.config.reconstruct import ReconstructConfig
@@ -45,10 +45,12 @@ __all__ = [
     "CellsConfig",
     "ChanceConfig",
     "CloudConfig",
+    "CoarseConfig",
     "ConfidenceConfig",
     "Config",
     "DegeneracyConfig",
     "DetailConfig",
+    "EscalateConfig",
     "ExclusiveConfig",
     "FamilyConfig",
     "FocalConfig",
@@ -64,7 +66,6 @@ __all__ = [
     "PromptConfig",
     "RasterConfig",
     "ReconstructConfig",
-    "RotatedRetryConfig",
     "SegmentConfig",
     "StereoConfig",
     "StitchConfig",

@@ -4,10 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from zpm2.config.fields import Word, number, option, options, share
-from zpm2.config.robust import MagsacConfig
 from zpm2.errors import ConfigError
-
-RETRY = "measured, docs/points.md"
 
 
 def _some(name: str, value: tuple[str, ...]) -> None:
@@ -15,64 +12,143 @@ def _some(name: str, value: tuple[str, ...]) -> None:
         raise ConfigError(f"{name} is empty: name at least one, for example sift")
 
 
-def _half_turns(name: str, value: tuple[int, ...]) -> None:
-    if any(angle > 180 for angle in value):
-        raise ConfigError(f"{name} are turns from 0 to 180 degrees, got {','.join(map(str, value))}")
+OWN = "own"  # in `EscalateConfig.searches`: the matchers of `PointsConfig.methods`
 
 
-def _sides(name: str, value: tuple[int, ...]) -> None:
-    if not value or min(value) < 32:
-        raise ConfigError(f"{name} are one or more sides of at least 32 px, got {','.join(map(str, value))}")
+def _turns(name: str, value: tuple[int, ...]) -> None:
+    if not value or max(value) >= 360:
+        raise ConfigError(f"{name} are one or more turns from 0 to 359 degrees, got {','.join(map(str, value))}")
+
+
+def parts_of_search(search: str) -> tuple[str, int]:
+    """Method and side (px) of a search of `EscalateConfig.searches`.
+
+    >>> parts_of_search("aliked@640")
+    ('aliked', 640)
+    """
+    method, _, side = search.rpartition("@")
+    return method, int(side)
+
+
+def _searches(name: str, value: tuple[str, ...]) -> None:
+    for search in value:
+        method, _, side = search.rpartition("@")
+        if not method or not side.isdecimal() or int(side) < 32:
+            raise ConfigError(f"{name} are searches like xfeat@640, with sides of at least 32 px, got '{search}'")
 
 
 @dataclass(frozen=True)
-class RotatedRetryConfig:
-    """When and how a pair is searched again, smaller and turned (`points.rotated_retry`)."""
+class CoarseConfig:
+    """How the turn and the zoom between two photographs are found, before they are searched again
+    (`points.escalate.coarse`)."""
 
-    min_points: int = number(
-        200, "fewer that agree on one epipolar geometry: the first round, by `turns`", low=1, source=RETRY
+    sift_size: int = number(
+        800,
+        "longer side at which SIFT compares both photographs",
+        unit="px",
+        low=32,
+        source="a quarter of a second; SIFT needs detail",
     )
-    min_points_far: int = number(100, "fewer after it: the second round, by `far_turns`", low=1, source=RETRY)
-    enough_points: int = number(
-        1000,
-        "that many matches, whether they agree or not: no more rounds",
-        low=1,
-        source="true points of a pair that matches at all number hundreds",
+    sift_keypoints: int = number(2048, "of SIFT, per view", low=8, high=1_000_000, source="time")
+    size: int = number(
+        480,
+        "longer side at which XFeat and ALIKED do",
+        unit="px",
+        low=32,
+        source="the whole pass takes a second of CPU",
+    )
+    max_keypoints: int = number(
+        512,
+        "of XFeat and ALIKED, per view",
+        low=8,
+        high=1_000_000,
+        source="time; a turn needs tens of points, not hundreds",
     )
     turns: tuple[int, ...] = option(
-        (0, 45),
-        "of the right image to either side, first round",
+        (0, 45, 90, 135, 180, 225, 270, 315),
+        "of the right photograph, in which XFeat looks",
         unit="degrees",
-        check=_half_turns,
-        source="learned points stand about 20 degrees: 45 to either side reach 65",
+        check=_turns,
+        source="learned points stand about 20 degrees",
     )
-    far_turns: tuple[int, ...] = option(
-        (90, 135, 180),
-        "the same, second round",
+    aliked_turns: tuple[int, ...] = option(
+        (0, 90, 180, 270),
+        "the same of ALIKED, which looks where the others find nothing",
         unit="degrees",
-        check=_half_turns,
-        source="the remaining turns, in the same steps",
+        check=_turns,
+        source="it stands 40 degrees, measured, docs/points.md",
     )
-    sizes: tuple[int, ...] = option(
-        (640, 1000),
-        "longer sides at which both images are searched",
-        unit="px",
-        check=_sides,
-        source="a motion blur of some px is gone at the smaller one",
+    zoom: float = number(
+        3.0,
+        "that XFeat tries last, either photograph reduced by it",
+        low=1.0,
+        source="learned points stand a zoom of about 1.7: 3 reaches 5",
+    )
+    reach: float = share(
+        0.05,
+        "of the longer side of the right photograph, that points may be off a similarity",
+        above=True,
+        source="relief and perspective, which a similarity lacks; SIFT uses a quarter (Lowe, IJCV 2004)",
+    )
+    significance: float = number(
+        8.0,
+        "a similarity is a hint if at most 10 to the power of minus this many as good ones are expected by chance",
+        unit="decades",
+        source="as global_match.chance.significance",
+    )
+    min_turn: float = number(
+        15.0, "smaller turns are left as they are", unit="degrees", source="learned points stand about 20 degrees"
+    )
+    same_zoom: float = number(
+        1.4, "hints whose zooms differ by less are alike", low=1, source="learned points stand about 1.7"
+    )
+    rival_share: float = share(
+        0.5, "of the best hint's decades from which another hint is tried too", source="measured, docs/points.md"
+    )
+
+
+@dataclass(frozen=True)
+class EscalateConfig:
+    """When and how a pair is searched again (`points.escalate`, docs/points.md)."""
+
+    on: bool = option(False, "search again where the geometry is not safe")
+    safe_chance: float = number(
+        200.0,
+        "safe: at most 10 to the power of minus this many geometries as good are expected by chance",
+        unit="decades",
+        source="measured, docs/points.md",
+    )
+    safe_points: int = number(200, "safe: that many points agree on the geometry", source="measured, docs/points.md")
+    safe_share: float = share(0.4, "safe: that share of all points agrees", source="measured, docs/points.md")
+    safe_cells: int = number(
+        10,
+        "safe: they lie in that many of 8 x 8 cells, in both photographs",
+        high=64,
+        source="a sixth of the view; points on one object say little of the rest",
+    )
+    coarse: CoarseConfig = field(default_factory=CoarseConfig)
+    searches: tuple[str, ...] = option(
+        ("own@720", "aliked@720", "own@1000", "aliked@900"),
+        "one after the other until the geometry is safe: METHOD@PX, own are those of points.methods; a "
+        "view has at most PX x PX pixels",
+        check=_searches,
+        source="measured, docs/points.md: the cheapest first",
+    )
+    max_looks: int = number(
+        6, "searches at most, those at several turns counted each", low=1, source="10 s on two cores, docs/points.md"
+    )
+    max_looks_without_hint: int = number(
+        2,
+        "the same where the coarse pass found nothing",
+        low=1,
+        source="such photographs mostly show two scenes, docs/points.md",
     )
     max_keypoints: int = number(
         2048,
-        "per image, method and search",
+        "per view",
         low=1,
         high=1_000_000,
-        source="half of points.max_keypoints, as the images are smaller",
-    )
-    noise_px: float = number(
-        3.0,
-        "threshold of the epipolar geometry; more where images were reduced to max_size",
-        unit="px",
-        above=True,
-        source="as global_match.epipolar_px",
+        source="half of points.max_keypoints, as the views are smaller",
     )
     merge_px: float = number(
         2.0,
@@ -80,7 +156,6 @@ class RotatedRetryConfig:
         unit="px",
         source="the noise of points of images that are reduced to half",
     )
-    magsac: MagsacConfig = field(default_factory=MagsacConfig)
 
 
 @dataclass(frozen=True)
@@ -139,8 +214,7 @@ class PointsConfig:
     loftr_threshold: float = share(
         0.2, "confidence from which LoFTR and Efficient LoFTR take a pair of cells", source="published"
     )
-    rotated_retry: bool = option(False, "smaller and turned, where few points agree on one geometry")
-    retry: RotatedRetryConfig = field(default_factory=RotatedRetryConfig)
+    escalate: EscalateConfig = field(default_factory=EscalateConfig)
 
     def side(self, trained: int) -> int:
         """Px, the longer image side given to a matcher that was trained for `trained` px (0: for any size)."""

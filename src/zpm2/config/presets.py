@@ -4,7 +4,7 @@
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.local_match import GuidedConfig, LocalConfig, VisibleConfig
 from zpm2.config.photos import TilesConfig
-from zpm2.config.points import PointsConfig
+from zpm2.config.points import EscalateConfig, PointsConfig
 from zpm2.config.pose import PoseConfig
 from zpm2.config.segment import DetailConfig, SegmentConfig
 from zpm2.config.whole import Config
@@ -14,7 +14,7 @@ PRESETS: dict[str, Config] = {
     "paper": Config(),
     "default": Config(
         segment=SegmentConfig(quality="fast", detail=DetailConfig(level="auto")),
-        points=PointsConfig(rotated_retry=True),
+        points=PointsConfig(escalate=EscalateConfig(on=True)),
         local_match=LocalConfig(
             shape="overlap", few_points=True, min_overlap=0.35, judge="on", visible=VisibleConfig(on=True)
         ),

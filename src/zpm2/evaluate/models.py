@@ -91,7 +91,7 @@ def measure_here(kind: str, name: str) -> Measured:
         loaded = perf_counter()
         found = len(segmenter.segment(left))
     else:
-        matcher = create_points(replace(config.points, methods=(name,), rotated_retry=False), device)
+        matcher = create_points(replace(config.points, methods=(name,)), device)
         loaded = perf_counter()
         found = len(matcher.match(left, right))
     end = perf_counter()

@@ -76,8 +76,9 @@ class SparseMatcher:
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""
-        found = self.detector.detect([image for pair in pairs for image in pair])
-        return [self._pair(a, b) for a, b in zip(found[::2], found[1::2], strict=True)]
+        images = {id(image): image for pair in pairs for image in pair}  # one that is in many pairs is detected once
+        found = dict(zip(images, self.detector.detect(list(images.values())), strict=True))
+        return [self._pair(found[id(left)], found[id(right)]) for left, right in pairs]
 
     def _pair(self, a: Features, b: Features) -> PointMatches:
         if not len(a) or not len(b):

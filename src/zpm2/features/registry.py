@@ -8,14 +8,11 @@ A class or function makes one. It may have the parameters `config` (`PointsConfi
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 
 from zpm2.config import PointsConfig
 from zpm2.errors import ConfigError
 from zpm2.features.combined import CombinedMatcher
 from zpm2.features.protocol import PointMatcher
-from zpm2.features.rotated_retry import RotatedRetry
 from zpm2.model.messages import Note
 from zpm2.plugins import Maker, ModelInfo, Models
 from zpm2.weights import Progress, hash_note
@@ -43,11 +40,14 @@ def create(config: PointsConfig, device: str = "cpu", progress: Progress | None 
     anything is loaded, and `WeightsError` where weights cannot be had.
     """
     check_methods(config)
-    matcher = _combined(config, device, progress)
-    if not config.rotated_retry:
-        return matcher
-    fewer = replace(config, max_keypoints=min(config.max_keypoints, config.retry.max_keypoints))
-    return RotatedRetry(matcher, cache(lambda: _combined(fewer, device, progress)), seen_size(config), config.retry)
+    return combined(config, device, progress)
+
+
+def combined(config: PointsConfig, device: str, progress: Progress | None = None) -> PointMatcher:
+    """The same for options of which a method takes only some, and which were checked before."""
+    given = {"config": config, "device": device, "progress": progress}
+    matchers = [METHODS.build(name, given, config.options) for name in config.methods]
+    return CombinedMatcher(matchers, config.min_score, config.merge_px)
 
 
 def seen_size(config: PointsConfig) -> int:
@@ -71,9 +71,3 @@ def weights_notes(config: PointsConfig) -> list[str]:
     """Notes for the user on weights of these methods whose hash zpm2 does not know."""
     used = dict.fromkeys(name for method in config.methods for name in METHODS.get(method).info.weights)
     return [Note(text) for text in map(hash_note, used) if text is not None]
-
-
-def _combined(config: PointsConfig, device: str, progress: Progress | None) -> CombinedMatcher:
-    given = {"config": config, "device": device, "progress": progress}
-    matchers = [METHODS.build(name, given, config.options) for name in config.methods]
-    return CombinedMatcher(matchers, config.min_score, config.merge_px)

@@ -37,13 +37,37 @@ def log_chance(
     kept = _independent(points, config)
     points, agree = points[kept], agree[kept]
     total, agreeing = len(points), int(agree.sum())
-    tests = log10(max(total - sample, 1)) + log10(models)
     if agreeing <= sample:
-        return tests
+        return log10(max(total - sample, 1)) + log10(models)
     some = points[np.arange(0, total, total // config.max_compared + 1)]
     near = geometry.sampson_table(matrix, some.left, some.right) <= noise
     np.fill_diagonal(near, False)
-    share = (near.sum() + 1) / (len(some) * (len(some) - 1) + 1)
+    return _log_expected(total, agreeing, _share(near), sample, models)
+
+
+def log_chance_of_map(distances: Array, reach: float, sample: int) -> float:
+    """log10 of how many maps from `sample` of n points are expected by chance to agree as well; 0 where no more agree.
+
+    `distances` (n, n) px: from each left point, mapped, to each right point; its own is on the diagonal.
+    """
+    near = distances <= reach
+    total, agreeing = len(near), int(np.diag(near).sum())
+    if agreeing <= sample:
+        return 0.0
+    np.fill_diagonal(near, False)
+    return _log_expected(total, agreeing, _share(near), sample, 1)
+
+
+def _share(near: NDArray[np.bool_]) -> float:
+    """Of the pairs of n points with each other's partners, those that agree; (n, n), its diagonal False."""
+    n = len(near)
+    return float((near.sum() + 1) / (n * (n - 1) + 1))
+
+
+def _log_expected(total: int, agreeing: int, share: float, sample: int, models: int) -> float:
+    """log10 of the expected number of models on which `agreeing` of `total` points agree, each by a chance of
+    `share`."""
+    tests = log10(max(total - sample, 1)) + log10(models)
     ways = _log_choices(total, agreeing) + _log_choices(agreeing, sample)
     return float(tests + ways + (agreeing - sample) * np.log10(share))
 

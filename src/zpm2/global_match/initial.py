@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import log10
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ class InitialGeometry:
     consistent: NDArray[np.bool_]  # (n,) near the epipolar line; all True where there is no F
     planar: NDArray[np.bool_]  # (n,) inliers of H; all False where there is no H
     limits: ChanceConfig = field(default_factory=ChanceConfig)  # what counts as more than chance
+    trials: int = 1  # searches that the points were chosen from
 
     def prior_locations(self, centers: NDArray[np.float64]) -> PriorLocations:
         """The (n, 2) centres of left polygons mapped by H; unchanged where there is no H."""
@@ -62,7 +64,8 @@ class InitialGeometry:
         """log10 of how many epipolar geometries as good as F are expected by chance; 0 where there is no F."""
         if isinstance(self.fundamental, Failed) or not len(self.points):
             return 0.0
-        return log_chance(self.fundamental, self.points, self.consistent, sample=7, models=3, config=self.limits)
+        found = log_chance(self.fundamental, self.points, self.consistent, sample=7, models=3, config=self.limits)
+        return found + log10(self.trials)
 
     @property
     def supported(self) -> bool:
@@ -80,7 +83,7 @@ class InitialGeometry:
         return self.supported and is_mirrored(self.points, self.consistent, self.limits)
 
 
-def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> InitialGeometry:
+def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int, trials: int = 1) -> InitialGeometry:
     """F by MAGSAC++, the epipolar filter, and H by MAGSAC++ on the points that pass it.
 
     The distance to the epipolar line is in px (Sampson), so that the threshold means the same in every pair; the
@@ -99,9 +102,9 @@ def initial_geometry(points: PointMatches, config: GlobalConfig, seed: int) -> I
     )
     planar = np.zeros(len(points), bool)
     if isinstance(homography, Failed):
-        return InitialGeometry(points, matrix, homography, consistent, planar, config.chance)
+        return InitialGeometry(points, matrix, homography, consistent, planar, config.chance, trials)
     planar[np.flatnonzero(consistent)[homography[1]]] = True
-    return InitialGeometry(points, matrix, homography[0], consistent, planar, config.chance)
+    return InitialGeometry(points, matrix, homography[0], consistent, planar, config.chance, trials)
 
 
 def points_with_data(points: PointMatches, images: tuple[Image, Image]) -> PointMatches:

@@ -127,7 +127,7 @@ class PoseFinder:
             from zpm2 import features
 
             points = dataclasses.replace(self.config.points, max_keypoints=self.config.pose.crop_points)
-            self._matcher = features.create(dataclasses.replace(points, rotated_retry=False), self.device)
+            self._matcher = features.create(points, self.device)
         return self._matcher
 
     def estimate(
