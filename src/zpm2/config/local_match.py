@@ -102,6 +102,7 @@ class ConfidenceConfig:
     motion: float = number(
         4.0, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
     )
+    overlap: float = number(2.0, "weight of the overlap (IoU) of the rectified polygons", high=100, source=FITTED)
     width: float = number(0.79, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
     max_motion: float = number(
         0.5,

@@ -7,7 +7,7 @@ from zpm2.config import ConfidenceConfig
 from zpm2.verify.evidence import Evidence
 
 Array = NDArray[np.float64]
-FEATURES = ("content", "texture", "agreement", "motion", "width")  # and fields of `ConfidenceConfig`
+FEATURES = ("content", "texture", "agreement", "motion", "overlap", "width")  # and fields of `ConfidenceConfig`
 
 
 def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
@@ -22,8 +22,8 @@ def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
 
 
 def features(evidence: Evidence, config: ConfidenceConfig) -> Array:
-    """(k, 5) what the weights of the fields `FEATURES` multiply; the more, the better."""
+    """(k, 6) what the weights of the fields `FEATURES` multiply; the more, the better."""
     agreement = np.log(evidence.agreement) - np.log1p(-evidence.agreement)
     still = config.max_motion - np.minimum(evidence.motion, config.max_motion)
     width = np.log(np.clip(evidence.width, 1.0, config.max_width))
-    return np.stack([evidence.content, evidence.texture, agreement, still, width], axis=1)
+    return np.stack([evidence.content, evidence.texture, agreement, still, evidence.overlap, width], axis=1)

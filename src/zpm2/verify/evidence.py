@@ -33,12 +33,15 @@ class Evidence:
     texture: Array  # (k,) 0..1, correlation of the insides, each stretched to the same frame (R of the paper)
     agreement: Array  # (k,) 0..1, share of the points in either polygon that are in both
     motion: Array  # (k,) 0.., how far the polygon is from where its neighbours' motion takes it, in its own sides
+    overlap: Array  # (k,) 0..1, IoU of the rectified polygons: it made the match, and says how exact it is
     width: Array  # (k,) px, 2 area / perimeter of the narrower polygon: an outline that is a px off costs it more
 
 
-def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config: LocalConfig) -> Evidence:
-    """The evidence of the matches `pairs` (rows of the polygons). `others` are the matches whose motion is compared
-    with theirs; a match is not compared with itself."""
+def gather(
+    problem: MatchProblem, pairs: Candidates, overlap: Array, others: Candidates, config: LocalConfig
+) -> Evidence:
+    """The evidence of the matches `pairs` (rows of the polygons), whose `overlap` (k,) is known. `others` are the
+    matches whose motion is compared with theirs; a match is not compared with itself."""
     left, right = (
         PolygonArrays([side.polygons[row] for row in rows])
         for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)
@@ -48,7 +51,7 @@ def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config:
     in_place, stretched = _compared(problem, left, right, linear, config)
     moved = motion(problem, pairs, others, linear, config.verify)
     width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
-    return Evidence(in_place, stretched, _agreement(problem, left, right), moved, width)
+    return Evidence(in_place, stretched, _agreement(problem, left, right), moved, overlap, width)
 
 
 def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear: Array, config: VerifyConfig) -> Array:
