@@ -45,7 +45,7 @@ class VerifyConfig:
     """The evidence of a match that did not make it, and the judge who rejects matches by it (`verify`)."""
 
     min_confidence: float = share(
-        0.5, "under which the judge rejects a match", source="measured where partners are missing: docs/confidence.md"
+        0.85, "under which the judge rejects a match", source="precision of 0.98 on everyday pairs, docs/confidence.md"
     )
     patch: int = number(
         32,
@@ -91,19 +91,19 @@ class VerifyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
 
-    intercept: float = number(1.78, "subtracted", unit="log-odds", high=100, source=FITTED)
+    intercept: float = number(3.63, "subtracted", unit="log-odds", high=100, source=FITTED)
     content: float = number(
-        2.94, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
+        3.44, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
     )
-    texture: float = number(1.51, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
+    texture: float = number(0.9, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
     agreement: float = number(
-        0.99, "weight of the log-odds that a point in either polygon is in both", high=100, source=FITTED
+        0.61, "weight of the log-odds that a point in either polygon is in both", high=100, source=FITTED
     )
     motion: float = number(
-        4.0, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
+        5.09, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
     )
-    overlap: float = number(2.0, "weight of the overlap (IoU) of the rectified polygons", high=100, source=FITTED)
-    width: float = number(0.79, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
+    overlap: float = number(1.76, "weight of the overlap (IoU) of the rectified polygons", high=100, source=FITTED)
+    width: float = number(0.98, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
     max_motion: float = number(
         0.5,
         "beyond which more distance from there says no more",
@@ -265,7 +265,7 @@ class LocalConfig:
         source="64 px of the image in one of the patch: polygons of 2000 px",
     )
     judge: Literal["off", "on"] = option(
-        "off", "on: matches that are probably wrong are rejected", source="beyond the paper, docs/confidence.md"
+        "off", "on: matches that are not sure enough are rejected", source="beyond the paper, docs/confidence.md"
     )
     verify: VerifyConfig = field(default_factory=VerifyConfig)
     homography: HomographyConfig = field(default_factory=HomographyConfig)

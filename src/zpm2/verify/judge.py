@@ -1,4 +1,4 @@
-"""The last judge: gives every match its confidence and rejects what is probably wrong. It proposes nothing."""
+"""The last judge: gives every match its confidence and rejects what is not sure enough. It proposes nothing."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -39,7 +39,9 @@ def judged(matches: Sequence[PolygonMatch], config: LocalConfig) -> tuple[list[P
         return list(matches), []
     kept = [match for match in matches if match.confidence >= config.verify.min_confidence]
     gone = len(matches) - len(kept)
-    return kept, [Note(f"{gone} of {len(matches)} matches were rejected: they are probably wrong")] if gone else []
+    return kept, [
+        Note(f"{gone} of {len(matches)} matches were rejected: less than {config.verify.min_confidence:g} sure")
+    ] if gone else []
 
 
 def same_scene_matches(matches: Sequence[PolygonMatch], probability: float) -> list[PolygonMatch]:
