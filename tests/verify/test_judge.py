@@ -28,7 +28,7 @@ def seen(problem, matches):
 
 
 def exchanged(matches, first, second):
-    """The matches with the partners of two left ids exchanged, which overlap by no more than the least that is taken."""
+    """The matches with the partners of two left ids exchanged, which overlap little."""
     partner = {match.left: match.right for match in matches}
     partner[first], partner[second] = partner[second], partner[first]
     return [

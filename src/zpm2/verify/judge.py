@@ -37,10 +37,11 @@ def judged(matches: Sequence[PolygonMatch], config: LocalConfig) -> tuple[list[P
     """The verified matches that the judge does not reject, and a note on how many it does."""
     if config.judge == "off":
         return list(matches), []
-    kept = [match for match in matches if match.confidence >= config.verify.min_confidence]
+    least = config.verify.min_confidence
+    kept = [match for match in matches if match.confidence >= least]
     gone = len(matches) - len(kept)
     return kept, [
-        Note(f"{gone} of {len(matches)} matches were rejected: less than {config.verify.min_confidence:g} sure")
+        Note(f"{gone} of {len(matches)} matches were rejected: less than {least:g} sure")
     ] if gone else []
 
 
