@@ -30,7 +30,7 @@ def everything(folder: Path) -> MatchResult:
         unmatched={9: "occluded"},
     )
     match = PolygonMatch(
-        7, 0, 0.75, 1 / 7, 12, "guided", 0.8, np.array([[0, 1], [2, 3]]), np.array([[0.123, 2, 3, 4, 5]] * 2)
+        7, 0, 0.75, 1 / 7, 12, "guided", 0.8, np.array([[0, 1], [2, 3]]), np.array([[0.123, 2, 3, 4, 5]] * 2), 0.4
     )
     return MatchResult(
         left=left,

@@ -23,7 +23,7 @@ from zpm2.photos.source import ImageLike
 from zpm2.polygons.warp import warp_by_points
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress, StageTimer, resolve_device
-from zpm2.segment.protocol import Segmenter
+from zpm2.segment.protocol import PolygonSource, Segmenter
 from zpm2.segment.registry import SEGMENTERS
 from zpm2.verify import judged, same_scene_matches, verified
 
@@ -112,7 +112,9 @@ class PairMatcher:
                     found = closer
                     problem, matches = self._match(found, initial)
         with timer("verify"):
-            matches, rejected = judged(verified(problem, matches, matches, config.local_match), config.local_match)
+            matches = verified(problem, matches, matches, config.local_match)
+            own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
+            matches, rejected = judged(matches, config.local_match, own)
             matches = same_scene_matches(matches, initial.same_scene)
         sides, matches = found.sides(matches, config.vectorize)
         sides = self._with_reasons(sides, matches, initial)

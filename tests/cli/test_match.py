@@ -405,7 +405,7 @@ def test_usage_errors_point_to_the_help_of_the_command(run: Run, arguments: list
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("zpm2 c", ["cloud", "config"]),
+        ("zpm2 c", ["carry", "cloud", "config"]),
         ("zpm2 match --preset p", ["paper"]),
         ("zpm2 match --quality f", ["fast", "full"]),
         ("zpm2 match --segmenter p", ["precomputed"]),

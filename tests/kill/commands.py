@@ -78,6 +78,8 @@ def _cases(pair: Pair) -> Iterator[Case]:
     yield Case("match, found regions", ["match", *photographs, *POINTS, *FEW, *out], networks=True)
     yield Case("match, default", ["match", *photographs, *out], networks=True)
     yield Case("match, found regions in tiles", ["match", *photographs, *POINTS, *FEW, *tiles, *out], networks=True)
+    carried = ["carry", *photographs, "--regions", "../in/left_labels.png", "--rigid"]
+    yield Case("carry", [*carried, "--set", "points.methods=sift", *out])
     more = ["--rectify", "--colmap"]
     yield Case("pose", ["pose", *photographs, *known, "--K", camera, *POINTS, *more, *out], needs=("pycolmap",))
     yield Case("pose, matched", ["pose", *photographs, "--K", camera, *POINTS, *FEW, *out], networks=True)

@@ -57,8 +57,8 @@ def transferred(source: Cells, target: Cells, shares: Array, config: CarryConfig
     for start in range(0, len(target.vectors), ROWS):
         part = slice(start, start + ROWS)
         cosine = target.vectors[part] @ source.vectors.T
-        nearest = np.argpartition(-cosine, k - 1, axis=1)[:, :k]
-        weight = np.exp(np.take_along_axis(cosine, nearest, 1) / config.temperature)
+        least = np.partition(cosine, -k, axis=1)[:, -k, None]
+        weight = np.where(cosine >= least, np.exp((cosine - 1) / config.temperature), 0.0)
         weight /= weight.sum(1, keepdims=True)
-        found[:, part] = np.einsum("ck,nck->nc", weight, shares[:, nearest])
+        found[:, part] = shares @ weight.T
     return found.reshape(len(shares), *target.size)

@@ -63,7 +63,9 @@ class VerifyConfig:
         odd=True,
         source="a quarter of a polygon: shading is smoother, texture finer",
     )
-    noise: float = number(1.0, "standard deviation there that is noise", unit="grey levels", source="8-bit rounding")
+    noise: float = number(
+        1.0, "standard deviation there that is noise", unit="grey levels", above=True, source="8-bit rounding"
+    )
     min_contrast: float = number(
         0.05,
         "standard deviation of an inside without light, under which it has no texture",

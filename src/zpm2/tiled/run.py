@@ -76,7 +76,7 @@ class TiledRun:
             warped = warped_by_cells(polygons[0], forth, local), warped_by_cells(polygons[1], back, local)
             pair = LargePair(self.sources, polygons, (stitched[0].guided, stitched[1].guided))
             matches = match_blocks(pair, forth, warped[0], used, lambda share: progress("match", share))
-            matches, rejected = judged(matches, local)
+            matches, rejected = judged(matches, local, given is not None)
             self.messages += rejected
             some = points[np.arange(0, len(points), len(points) // used.tiles.max_points + 1)]
             initial = initial_geometry(some, used.global_match, used.seed)

@@ -92,6 +92,8 @@ def _peak(found: Patches, config: VerifyConfig) -> Array:
     far = np.maximum(shift[:, None], shift)
     beside = (far <= config.patch / 2) & (far > 2 * config.near)
     here = found[:, far <= config.near].max(1)
+    if not beside.any():  # of so few cells that all are near
+        return np.zeros(len(found))
     return np.asarray(here - np.quantile(found[:, beside], config.rival, axis=1), np.float64)
 
 

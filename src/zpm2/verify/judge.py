@@ -33,16 +33,17 @@ def verified(
     return [dataclasses.replace(m, confidence=float(c)) for m, c in zip(matches, chance, strict=True)]
 
 
-def judged(matches: Sequence[PolygonMatch], config: LocalConfig) -> tuple[list[PolygonMatch], list[str]]:
-    """The verified matches that the judge does not reject, and a note on how many it does."""
-    if config.judge == "off":
+def judged(
+    matches: Sequence[PolygonMatch], config: LocalConfig, given: bool = False
+) -> tuple[list[PolygonMatch], list[str]]:
+    """The verified matches that the judge does not reject, and a note on how many it does. Regions that were `given`
+    are matched as far as they can be: whoever gave them knows better what is worth looking at."""
+    if config.judge == "off" or given:
         return list(matches), []
     least = config.verify.min_confidence
     kept = [match for match in matches if match.confidence >= least]
     gone = len(matches) - len(kept)
-    return kept, [
-        Note(f"{gone} of {len(matches)} matches were rejected: less than {least:g} sure")
-    ] if gone else []
+    return kept, [Note(f"{gone} of {len(matches)} matches were rejected: less than {least:g} sure")] if gone else []
 
 
 def same_scene_matches(matches: Sequence[PolygonMatch], probability: float) -> list[PolygonMatch]:
