@@ -5,6 +5,7 @@ its trust. The segmenter is asked there by points and box, and each answer count
 expected and of nothing else (a soft IoU).
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -61,39 +62,53 @@ class Answers:
     agreement: Array  # (n,) 0..1, soft IoU with what is expected
 
 
-def ask(view: PromptedView, expected: Expectation, config: CarryConfig) -> Answers:
-    """The answers for one region: first where the points put it; where that gives nothing good, or they tell nothing,
-    where it looks like the region."""
-    picture = expected.picture()
-    found: list[MaskPredictions] = []
-    if expected.trust >= config.min_trust and expected.place.sum() >= config.min_pixels:
-        found += _asked(view, expected.place, FORMS[:2], False)
-    best = _ranked(view, found, picture, config)
-    enough = len(best.agreement) and best.agreement[0] >= config.sure
-    if not enough and expected.weight > 0 and picture.max() >= config.min_likeness:
-        found += _asked(view, picture >= min(0.5, 0.5 * float(picture.max())), FORMS, True)
-        best = _ranked(view, found, picture, config)
+def ask(view: PromptedView, expected: Sequence[Expectation], config: CarryConfig) -> list[Answers]:
+    """The answers for each region: first where the points put it; where that gives nothing good, or they tell nothing,
+    where it looks like the region. Prompts of one form go to the segmenter together."""
+    pictures = [each.picture() for each in expected]
+    by_place = {
+        row: each.place
+        for row, each in enumerate(expected)
+        if each.trust >= config.min_trust and each.place.sum() >= config.min_pixels
+    }
+    found = _asked(view, by_place, FORMS[:2], alone=False)
+    best = [_ranked(view, found.get(row, []), picture, config) for row, picture in enumerate(pictures)]
+    by_likeness = {}
+    for row, (each, picture) in enumerate(zip(expected, pictures, strict=True)):
+        sure = len(best[row].agreement) and best[row].agreement[0] >= config.sure
+        if not sure and each.weight > 0 and picture.max() >= config.min_likeness:
+            by_likeness[row] = picture >= min(0.5, 0.5 * float(picture.max()))
+    for row, more in _asked(view, by_likeness, FORMS, alone=True).items():
+        best[row] = _ranked(view, [*found.get(row, []), *more], pictures[row], config)
     return best
 
 
-def _asked(view: PromptedView, core: Bits, forms: tuple[int, ...], alone: bool) -> list[MaskPredictions]:
-    """The masks for `core` (h, w): its box with several points inside, and if `alone` also these without the box."""
-    points = inner_points(core, FORMS[-1] if alone else max(forms))
-    if not len(points):
-        return []
-    x0, y0, x1, y1 = boxes(core[None])[0]
-    box = np.array([(x0, y0), (x1, y1)], np.float64)
-    thresholds, scale = MaskThresholds(0.5, 0.5), view.mask_scale
-    found = []
+def _asked(
+    view: PromptedView, cores: Mapping[int, Bits], forms: Sequence[int], alone: bool
+) -> dict[int, list[MaskPredictions]]:
+    """By row, the masks for `cores` (h, w): the box of each with several points inside, and if `alone` also these
+    without the box."""
+    points = {row: inner_points(core, max(forms)) for row, core in cores.items()}
+    points = {row: each for row, each in points.items() if len(each)}
+    box = {row: boxes(cores[row][None])[0].reshape(2, 2).astype(np.float64) for row in points}
+    asked: dict[int, list[MaskPredictions]] = {row: [] for row in points}
+
+    def together(prompts: list[tuple[int, Array]], labels: list[int]) -> None:
+        """Asks with prompts (row, points) of one form."""
+        if not prompts:
+            return
+        at = np.stack([each for _, each in prompts]) / view.mask_scale
+        masks = view.predict(Prompts(at, np.array(labels)), MaskThresholds(0.5, 0.5))
+        for k, (row, _) in enumerate(prompts):
+            asked[row].append(masks[masks.prompt == k])
+
     for count in forms:
-        if count <= len(points):
-            prompt = np.concatenate([points[:count], box])[None] / scale
-            found.append(view.predict(Prompts(prompt, np.array([INSIDE] * count + [CORNER, OTHER_CORNER])), thresholds))
+        framed = [(row, np.concatenate([each[:count], box[row]])) for row, each in points.items() if len(each) >= count]
+        together(framed, [INSIDE] * count + [CORNER, OTHER_CORNER])
     if alone:
-        found.append(view.predict(Prompts.at(points[:3] / scale), thresholds))
-        if len(points) >= 3:
-            found.append(view.predict(Prompts(points[None, :3] / scale, np.array([INSIDE] * 3)), thresholds))
-    return found
+        together([(row, point[None]) for row, each in points.items() for point in each[:3]], [INSIDE])
+        together([(row, each[:3]) for row, each in points.items() if len(each) >= 3], [INSIDE] * 3)
+    return asked
 
 
 def inner_points(core: Bits, most: int) -> Array:

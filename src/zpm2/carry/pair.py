@@ -49,25 +49,27 @@ def carry(
         other = segmenter.view(images[0])
         assert isinstance(other, EmbeddedView)
         likeness = _Likeness(other, view, shapes, config.carry)
-    answers, trust = list[Answers](), found.trust.copy()
-    for k in range(len(shapes)):
-        expected = _expected(view, found, k, likeness, config.carry)
-        trust[k] = expected.trust
-        nothing = Answers(MaskPredictions.none(view.size), np.zeros(0))
-        answers.append(ask(view, expected, config.carry) if near[k] and expected.known else nothing)
-        progress((k + 1) / len(shapes))
+    answers = [Answers(MaskPredictions.none(view.size), np.zeros(0))] * len(shapes)
+    trust, asked = found.trust.copy(), np.flatnonzero(near)
+    for start in range(0, len(asked), ASKED):
+        rows = asked[start : start + ASKED]
+        expected = [_expected(view, found, k, likeness, config.carry) for k in rows]
+        trust[rows] = [each.trust for each in expected]
+        for k, each in zip(rows, ask(view, expected, config.carry), strict=True):
+            answers[k] = each
+        progress((start + len(rows)) / len(asked))
     found = replace(found, trust=trust)
     choices = contest.decide(answers, config.carry)
     outlines = [
         None if choice.row is None else _outline(view, each.masks[np.array([choice.row])], images[1], config)
         for each, choice in zip(answers, choices, strict=True)
     ]
-    rows = [k for k, each in enumerate(outlines) if each is not None]
-    agreement = np.array([answers[k].agreement[choices[k].row] for k in rows])
-    apart = contest.disjoint(np.array([outlines[k] for k in rows], object), shapes[rows], agreement, config.carry)
+    drawn = [k for k, each in enumerate(outlines) if each is not None]
+    agreement = np.array([answers[k].agreement[choices[k].row] for k in drawn])
+    apart = contest.disjoint(np.array([outlines[k] for k in drawn], object), shapes[drawn], agreement, config.carry)
     results = []
     for k, (each, choice) in enumerate(zip(answers, choices, strict=True)):
-        shape = apart[rows.index(k)] if k in rows else None
+        shape: Shape | None = apart[drawn.index(k)] if k in drawn else None
         seen = None
         if shape is not None and not shape.is_empty:
             visible = _visible(found, k, shape, likeness, config.carry)
