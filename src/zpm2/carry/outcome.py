@@ -10,7 +10,6 @@ from zpm2.carry.places import Shape
 from zpm2.config import CarryConfig
 
 Status = Literal["found", "in part", "outside", "hidden", "not found"]
-LOGIT = (-4.2, 7.0, 1.2)  # of the confidence: constant, agreement, trust; fitted, docs/carry.md
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +29,10 @@ class Outcome:
     alternatives: tuple[tuple[float, float, float], ...] = ()  # x, y, agreement of other places
 
 
-def confidence(agreement: float, trust: float) -> float:
-    """0..1 from the agreement of an answer and the trust in its place."""
-    constant, by_agreement, by_trust = LOGIT
-    return float(1 / (1 + np.exp(-(constant + by_agreement * agreement + by_trust * trust))))
+def confidence(agreement: float, trust: float, config: CarryConfig) -> float:
+    """0..1 from the agreement of an answer and the trust in its place (a logistic model)."""
+    evidence = config.by_agreement * agreement + config.by_trust * trust - config.intercept
+    return float(1 / (1 + np.exp(-evidence)))
 
 
 def inside_share(shape: shapely.Geometry, size: tuple[int, int]) -> float:

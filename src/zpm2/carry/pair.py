@@ -171,7 +171,7 @@ def _outcome(
         status,
         reason,
         shape,
-        outcome.confidence(agreement, trust) if shape is not None else 0.0,
+        outcome.confidence(agreement, trust, config) if shape is not None else 0.0,
         visible,
         agreement,
         trust,

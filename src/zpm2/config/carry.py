@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from zpm2.config.fields import number, share
 
-CARRY = "measured, docs/carry.md"
+CARRY = "tried on the pairs of docs/carry.md"
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,10 @@ class CarryConfig:
         16.0, "of the embedding, from which on the likeness of a region counts in full", above=True, source="4 x 4"
     )
     looks_right: float = share(
-        0.5, "soft IoU of a place with where it looks like the region, from which on there is no doubt", source=CARRY
+        0.5,
+        "soft IoU of a place with where it looks like the region, from which on there is no doubt",
+        above=True,
+        source=CARRY,
     )
     min_likeness: float = share(0.2, "of the most alike cell, from which on it is asked there", source=CARRY)
     sure: float = share(0.6, "soft IoU of an answer, from which on no other place is tried", source=CARRY)
@@ -56,6 +59,13 @@ class CarryConfig:
     )
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
+    )
+    intercept: float = number(4.2, "subtracted in the confidence", unit="log-odds", high=100.0, source=CARRY)
+    by_agreement: float = number(
+        7.0, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=CARRY
+    )
+    by_trust: float = number(
+        1.2, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=CARRY
     )
     window: int = number(
         1024, "side of the windows of large photographs", unit="px", low=256, high=16384, source="SAM sees 1024 px"
