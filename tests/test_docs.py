@@ -20,7 +20,8 @@ from zpm2 import config
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-FEW = ["segment.grid=4", "points.max_keypoints=1000"]  # prompts and points, to be done in seconds
+# prompts, points and windows, to be done in seconds
+FEW = ["segment.grid=4", "points.max_keypoints=1000", "segment.detail.level=off"]
 QUICK = [word for setting in FEW for word in ("--set", setting)]  # laid over what the page says
 
 
