@@ -8,11 +8,11 @@ expected and of nothing else (a soft IoU).
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import CarryConfig
+from zpm2.segment.inner_points import inner_points
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
 from zpm2.segment.suppression import boxes
@@ -109,20 +109,6 @@ def _asked(
         together([(row, point[None]) for row, each in points.items() for point in each[:3]], [INSIDE])
         together([(row, each[:3]) for row, each in points.items() if len(each) >= 3], [INSIDE] * 3)
     return asked
-
-
-def inner_points(core: Bits, most: int) -> Array:
-    """(k, 2) up to `most` points of `core` (h, w), px, far from its outline and from each other."""
-    padded = np.pad(core, 1).view(np.uint8)
-    depth = np.rint(cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] ** 2)
-    rows, columns = np.nonzero(core)
-    room = depth[rows, columns].astype(np.float64)
-    found: list[tuple[float, float]] = []
-    while len(found) < most and len(room) and room.max() > 0:
-        k = int(room.argmax())
-        found.append((columns[k] + 0.5, rows[k] + 0.5))
-        room = np.minimum(room, ((columns - columns[k]) ** 2 + (rows - rows[k]) ** 2) / 4)
-    return np.array(found).reshape(-1, 2)
 
 
 def _ranked(

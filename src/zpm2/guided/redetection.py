@@ -15,7 +15,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from zpm2.polygons.vectorize import outlines
 from zpm2.polygons.visible import touched, within_borders
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
 from zpm2.segment import automatic
+from zpm2.segment.inner_points import inner_points
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
 from zpm2.segment.suppression import boxes
@@ -188,25 +188,12 @@ def accepted_masks(
 
 
 def prompts(cover: NDArray[np.bool_], mask_scale: float, points: int = 1) -> Prompts:
-    """For each shape of `cover` (n, h, w), none empty: its box and `points` pixels inside.
-
-    The first is the pixel farthest from the outline. Each other one is far from those before it, and from the outline
-    by at least half of that: it maximises the lesser of the distance to them and twice the distance to the outline. So
-    they follow the parts of thin and bent shapes. Of equal pixels, the first one row by row.
-    """
+    """For each shape of `cover` (n, h, w), none empty: its box and `points` pixels inside (`inner_points`), the last
+    one again where there are fewer."""
     found = np.zeros((len(cover), points + 2, 2))
     for k, (bits, (x0, y0, x1, y1)) in enumerate(zip(cover, boxes(cover), strict=True)):
-        crop = np.pad(bits[y0:y1, x0:x1], 1).view(np.uint8)
-        depth = cv2.distanceTransform(crop, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        squared = np.rint(depth**2)  # whole numbers; OpenCV's last bits depend on where the array lies in memory
-        apart = value = squared
-        for n in range(points):
-            if value.any():  # else there is no pixel that is no point yet, and the last one counts again
-                y, x = np.unravel_index(np.argmax(value), depth.shape)
-            found[k, n] = x0 + x - 0.5, y0 + y - 0.5
-            to_it = (np.arange(depth.shape[0]) - y)[:, None] ** 2 + (np.arange(depth.shape[1]) - x) ** 2
-            apart = np.minimum(apart, to_it) if n else to_it
-            value = np.minimum(apart, 4 * squared)
+        inner = inner_points(bits[y0:y1, x0:x1], points) + np.array([x0, y0])
+        found[k, :points] = inner[np.minimum(np.arange(points), len(inner) - 1)]
         found[k, points:] = (x0, y0), (x1, y1)
     return Prompts(found / mask_scale, np.array([INSIDE] * points + [CORNER, OTHER_CORNER]))
 
