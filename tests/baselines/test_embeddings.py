@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from region_pairs import SIZE
 from rings import generators, star
 
-from zpm2.baselines.embeddings import FINE, Encoder, pooled
+from zpm2.baselines.embeddings import Encoder, pooled
 from zpm2.config import preset
 from zpm2.errors import ConfigError
 from zpm2.model import Image
+from zpm2.polygons.rasterize import CELL_SAMPLES
 
 
 def objects(*shapes):
@@ -25,11 +26,11 @@ def test_the_mean_counts_each_sample_inside(rng, scale):
     features = rng.normal(size=(3, 8, 6))
     shape = shapely.Polygon(star(rng, 9, (3 / scale, 4 / scale), 2.5 / scale))
     sums, count = np.zeros(3), 0
-    for row in range(8 * FINE):
-        for column in range(6 * FINE):
-            x, y = (column + 0.5) / FINE / scale, (row + 0.5) / FINE / scale
+    for row in range(8 * CELL_SAMPLES):
+        for column in range(6 * CELL_SAMPLES):
+            x, y = (column + 0.5) / CELL_SAMPLES / scale, (row + 0.5) / CELL_SAMPLES / scale
             if shape.contains(shapely.Point(x, y)):
-                sums += features[:, row // FINE, column // FINE]
+                sums += features[:, row // CELL_SAMPLES, column // CELL_SAMPLES]
                 count += 1
     found = pooled(features, scale, objects(shape))
     assert count

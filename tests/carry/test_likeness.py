@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
-from zpm2.carry.likeness import FINE, Cells, cells_of, transferred
+from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.config import CarryConfig
+from zpm2.polygons.rasterize import CELL_SAMPLES
 
 CONFIG = CarryConfig()
 
@@ -52,5 +53,5 @@ def test_shares_are_areas():
     cells, _ = cells_of(embedding((0, 0)), embedding((0, 0)), (0.1, 0.1))
     shares = cells.shares(np.array([shapely.box(10, 10, 25, 20)], object)).reshape(16, 20)
     assert shares[1, 1] == 1
-    assert shares[1, 2] == pytest.approx(0.5, abs=1 / FINE)
-    assert shares.sum() == pytest.approx(1.5, abs=1 / FINE)
+    assert shares[1, 2] == pytest.approx(0.5, abs=1 / CELL_SAMPLES)
+    assert shares.sum() == pytest.approx(1.5, abs=1 / CELL_SAMPLES)

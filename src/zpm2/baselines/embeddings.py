@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.baselines.method import Array, Both, Shapes
@@ -12,12 +11,10 @@ from zpm2.config import Config
 from zpm2.errors import ConfigError
 from zpm2.model import Image
 from zpm2.model.messages import Note
-from zpm2.polygons.rasterize import rasterize_stack
+from zpm2.polygons.rasterize import cell_shares
 from zpm2.runtime import resolve_device
 from zpm2.segment.protocol import EmbeddedView, PromptedSegmenter, Segmenter
 from zpm2.segment.registry import create
-
-FINE = 4  # samples along each side of a cell, by which its share inside a region is counted
 
 
 class Encoder:
@@ -82,11 +79,9 @@ def pooled(features: Array, scale: float, shapes: Shapes) -> Array:
     c, h, w = features.shape
     if not len(shapes):
         return np.zeros((0, c))
-    scaled = np.asarray(shapely.transform(shapes, lambda xy: xy * scale), object)
-    fine = rasterize_stack(np.asarray(shapely.transform(scaled, lambda xy: xy * FINE), object), (w * FINE, h * FINE))
-    share: NDArray[np.float64] = fine.reshape(len(shapes), h, FINE, w, FINE).sum((2, 4)).astype(np.float64)
+    share = cell_shares(shapes, scale, (w, h))
     empty = np.flatnonzero(~share.any((1, 2)))
-    inner = shapely.get_coordinates(shapely.point_on_surface(scaled[empty])).astype(np.intp)
+    inner = (shapely.get_coordinates(shapely.point_on_surface(shapes[empty])) * scale).astype(np.intp)
     share[empty, np.clip(inner[:, 1], 0, h - 1), np.clip(inner[:, 0], 0, w - 1)] = 1
     mean = share.reshape(len(shapes), -1) @ features.reshape(c, -1).T
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12))

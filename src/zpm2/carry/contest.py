@@ -11,7 +11,7 @@ from zpm2.carry.asking import Answers
 from zpm2.config import CarryConfig
 from zpm2.global_match import Candidates
 from zpm2.local_match.assignment import assign_optimal
-from zpm2.segment.suppression import boxes, pack
+from zpm2.segment.suppression import boxes, leaders, pack
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,8 @@ def decide(answers: Sequence[Answers], config: CarryConfig) -> list[Choice]:
     if not len(region):
         return [Choice(None, (), None)] * len(answers)
     bits = np.concatenate([each.masks.bits[each.agreement >= config.min_agreement] for each in answers])
-    place = _place_of(bits, agreement, config.same_place)
+    areas = np.count_nonzero(bits, axis=(1, 2))
+    place = leaders(pack(bits), boxes(bits), areas, agreement, config.same_place)
     order = np.lexsort((-agreement, place, region))
     _, first = np.unique(np.c_[region, place][order], axis=0, return_index=True)
     best = order[first]  # of each region at each place, sorted by both
@@ -57,22 +58,6 @@ def decide(answers: Sequence[Answers], config: CarryConfig) -> list[Choice]:
         lost = taken_by if taken_by not in (-1, k) else None
         found.append(Choice(int(row[own[0]]) if len(own) else None, elsewhere, lost))
     return found
-
-
-def _place_of(bits: NDArray[np.bool_], agreement: Array, same: float) -> NDArray[np.int64]:
-    """(n,) the place of each of (n, h, w) masks: that of the best mask that it overlaps by `same`."""
-    packed, box, area = pack(bits), boxes(bits), np.count_nonzero(bits, axis=(1, 2))
-    place = np.full(len(bits), -1, np.int64)
-    for count, k in enumerate(np.argsort(-agreement, kind="stable")):
-        if place[k] >= 0:
-            continue
-        near = (place < 0) & (np.minimum(area, area[k]) > same * np.maximum(area, area[k]))
-        near &= (box[:, :2] < box[k, 2:]).all(1) & (box[k, :2] < box[:, 2:]).all(1)
-        rivals = np.flatnonzero(near)
-        shared = np.bitwise_count(packed[rivals] & packed[k]).sum(1, dtype=np.int64)
-        place[rivals[shared > same * (area[rivals] + area[k] - shared)]] = count
-        place[k] = count
-    return place
 
 
 def disjoint(

@@ -9,14 +9,12 @@ and tells nothing of regions smaller than a cell.
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import CarryConfig
-from zpm2.polygons.rasterize import rasterize_stack
+from zpm2.polygons.rasterize import cell_shares
 
 Array = NDArray[np.float64]
-FINE = 4  # samples along each side of a cell, by which its share inside a region is counted
 ROWS = 1024  # cells that are compared at a time
 
 
@@ -30,11 +28,7 @@ class Cells:
 
     def shares(self, shapes: NDArray[np.object_]) -> Array:
         """(n, h * w) share of each cell inside each of (n,) shapes, image px."""
-        height, width = self.size
-        fine = np.asarray(shapely.transform(shapes, lambda xy: xy * self.scale * FINE), object)
-        bits = rasterize_stack(fine, (width * FINE, height * FINE))
-        blocks = bits.reshape(len(shapes), height, FINE, width, FINE)
-        return np.asarray(blocks.mean((2, 4)).reshape(len(shapes), -1))
+        return cell_shares(shapes, self.scale, self.size[::-1]).reshape(len(shapes), -1)
 
 
 def cells_of(left: NDArray[np.float32], right: NDArray[np.float32], scales: tuple[float, float]) -> tuple[Cells, Cells]:

@@ -9,7 +9,7 @@ from zpm2 import geometry
 from zpm2.config import LocalConfig
 from zpm2.errors import Failed, InputError
 from zpm2.global_match import Candidates
-from zpm2.local_match.shared_points import lookup, shared_points
+from zpm2.local_match.shared_points import shared_points
 from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch
 from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import iou
@@ -41,12 +41,18 @@ def pair_maps(
     """
     linear = _linear(left.centers, homography)
     by_points, count = _by_points(left, right, points, linear, config)
-    size = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
-    by_shape = _affine(size[:, None, None] * linear, left.centers, right.centers)
+    by_shape = by_areas(left, right, linear)
     each = np.arange(len(left))
     overlap, other = (iou(transform_polygons(left, each, maps), right.shapes) for maps in (by_points, by_shape))
     trusted = (overlap >= other) | ((count >= config.gamma) & (overlap > 0))
     return np.where(trusted[:, None, None], by_points, by_shape)
+
+
+def by_areas(left: PolygonArrays, right: PolygonArrays, linear: Array) -> Array:
+    """(n, 3, 3) affine maps, `linear` (n, 2, 2) up to scale, that bring each left polygon onto its partner: same
+    centroid, same area."""
+    size = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
+    return _affine(size[:, None, None] * linear, left.centers, right.centers)
 
 
 def _by_points(
@@ -56,7 +62,7 @@ def _by_points(
     each = np.arange(len(left))
     maps, points_inside = _affine(linear, left.centers, right.centers), np.zeros(len(left), np.int64)
     inside = shared_points(points, left, right)
-    at = lookup(np.arange(len(inside.pairs)), inside.pairs, Candidates(each, each))
+    at = inside.at(Candidates(each, each))
     some = np.flatnonzero(at >= 0)
     if len(some) == 0:
         return maps, points_inside

@@ -10,7 +10,7 @@ from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates, PyramidLocations
 from zpm2.local_match import assignment, shape, texture
 from zpm2.local_match.problem import MatchProblem
-from zpm2.local_match.shared_points import lookup, shared_points
+from zpm2.local_match.shared_points import shared_points
 from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import iou
 from zpm2.polygons.transform import transform_polygons
@@ -62,11 +62,10 @@ class CandidateScorer:
         rectification is not where the candidate is, however alike they look.
         """
         config = self.config
-        at = lookup(np.arange(len(self.shared_points.pairs)), self.shared_points.pairs, pairs)
-        dsf = np.where(at >= 0, self.shared_points.counts[np.maximum(at, 0)] if len(self.shared_points.pairs) else 0, 0)
+        at, dsf = self.shared_points.at(pairs), self.shared_points.counts_of(pairs)
         maps = self._maps(pairs, at, dsf, locations)
         found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf)
-        agreement = self._agreement(pairs, dsf)
+        agreement = self.shared_points.agreement(pairs)
         if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
             warped = self.guided_prior.warped
             found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
@@ -105,16 +104,6 @@ class CandidateScorer:
             visible[known] = np.minimum(*shares)[known].clip(0, 1)
         overlap = np.where(visible >= limits.min_share, iou(own, other), 0.0)
         return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
-
-    def _agreement(self, pairs: Candidates, dsf: NDArray[np.int64]) -> Array:
-        """(c,) 0..1, share of the homologous points inside either polygon that are inside both.
-
-        By Laplace's rule of succession, one point in both and one point in only one are added, so that a few points
-        have little weight.
-        """
-        inside = self.shared_points.inside
-        either = inside[0][pairs.left] + inside[1][pairs.right] - dsf
-        return (dsf + 1) / (either + 2)
 
     def _maps(
         self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], locations: PyramidLocations

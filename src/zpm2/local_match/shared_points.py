@@ -24,6 +24,23 @@ class SharedPoints:
         """(p,) chi of each pair."""
         return np.diff(self.start)
 
+    def at(self, pairs: Candidates) -> NDArray[np.int64]:
+        """(c,) the row of each of other pairs among `pairs`, -1 where it shares no point."""
+        return lookup(np.arange(len(self.pairs)), self.pairs, pairs)
+
+    def counts_of(self, pairs: Candidates) -> NDArray[np.int64]:
+        """(c,) chi of other pairs."""
+        return lookup(self.counts, self.pairs, pairs).clip(0)
+
+    def agreement(self, pairs: Candidates) -> NDArray[np.float64]:
+        """(c,) 0..1, of other pairs the share of the points inside either polygon that are inside both.
+
+        By Laplace's rule of succession, one point in both and one point in only one are added, so that a few points
+        have little weight.
+        """
+        both = self.counts_of(pairs)
+        return np.asarray((both + 1) / (self.inside[0][pairs.left] + self.inside[1][pairs.right] - both + 2))
+
 
 def shared_points(points: PointMatches, left: PolygonArrays, right: PolygonArrays) -> SharedPoints:
     """The points of each pair: left end inside the left polygon and right end inside the right one.

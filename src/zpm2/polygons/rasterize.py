@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from zpm2.model import Mask
 
 Array = NDArray[np.float64]
+CELL_SAMPLES = 4  # along each side of a cell, by which its share inside a shape is counted
 PIXEL_CHUNK = 1 << 22  # pixels of a stack that are computed at a time
 
 
@@ -34,6 +35,15 @@ def rasterize_stack(shapes: NDArray[np.object_], size: tuple[int, int]) -> NDArr
         a, b, owner = _edges(shapes[rows])
         bits[rows] = _inside(a, b, owner, rows.stop - rows.start, (0, 0), size)
     return bits
+
+
+def cell_shares(shapes: NDArray[np.object_], scale: float, size: tuple[int, int]) -> Array:
+    """(n, height, width) 0..1, the share of each cell of a grid of `size` (width, height) inside each of (n,) shapes,
+    px. `scale` is cells per px. By CELL_SAMPLES x CELL_SAMPLES samples a cell."""
+    width, height = size
+    fine = np.asarray(shapely.transform(shapes, lambda xy: xy * scale * CELL_SAMPLES), object)
+    bits = rasterize_stack(fine, (width * CELL_SAMPLES, height * CELL_SAMPLES))
+    return np.asarray(bits.reshape(len(shapes), height, CELL_SAMPLES, width, CELL_SAMPLES).mean((2, 4)))
 
 
 def _edges(shapes: NDArray[np.object_]) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -30,17 +30,27 @@ def suppress(
     A mask goes if its IoU with a better one that stays exceeds `threshold`. IoU is at most the ratio of the two areas,
     which decides most pairs without looking at a pixel.
     """
+    leader = leaders(packed, box, area, score, threshold)
     order = np.argsort(-score, kind="stable")
-    alive = np.ones(len(order), bool)
-    keep = []
-    for i in order:
-        if not alive[i]:
+    return np.asarray(order[leader[order] == order], np.intp)
+
+
+def leaders(
+    packed: NDArray[np.uint64],
+    box: NDArray[np.int64],
+    area: NDArray[np.int64],
+    score: NDArray[np.floating],
+    threshold: float,
+) -> NDArray[np.intp]:
+    """(n,) for each mask the best one that it is suppressed by (`suppress`): itself where it stays."""
+    found = np.full(len(score), -1, np.intp)
+    for i in np.argsort(-score, kind="stable"):
+        if found[i] >= 0:
             continue
-        keep.append(i)
-        alive[i] = False
-        near = alive & (np.minimum(area, area[i]) > threshold * np.maximum(area, area[i]))
+        found[i] = i
+        near = (found < 0) & (np.minimum(area, area[i]) > threshold * np.maximum(area, area[i]))
         near &= (box[:, :2] < box[i, 2:]).all(1) & (box[i, :2] < box[:, 2:]).all(1)
         rivals = np.flatnonzero(near)
         shared = np.bitwise_count(packed[rivals] & packed[i]).sum(1, dtype=np.int64)
-        alive[rivals[shared > threshold * (area[rivals] + area[i] - shared)]] = False
-    return np.array(keep, np.intp)
+        found[rivals[shared > threshold * (area[rivals] + area[i] - shared)]] = i
+    return found

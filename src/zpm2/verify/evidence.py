@@ -16,7 +16,8 @@ from zpm2 import geometry
 from zpm2.config import LocalConfig, VerifyConfig
 from zpm2.global_match import Candidates
 from zpm2.local_match import MatchProblem, texture
-from zpm2.local_match.shared_points import lookup, shared_points
+from zpm2.local_match.pair_map import by_areas
+from zpm2.local_match.shared_points import shared_points
 from zpm2.model import PolygonArrays
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.warp import warp_by_points
@@ -51,7 +52,9 @@ def gather(
     in_place, stretched = _compared(problem, left, right, linear, config)
     moved = motion(problem, pairs, others, linear, config.verify)
     width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
-    return Evidence(in_place, stretched, _agreement(problem, left, right), moved, overlap, width)
+    each = np.arange(len(left))
+    agreement = shared_points(problem.initial.forward()[0], left, right).agreement(Candidates(each, each))
+    return Evidence(in_place, stretched, agreement, moved, overlap, width)
 
 
 def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear: Array, config: VerifyConfig) -> Array:
@@ -75,16 +78,6 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
     return np.asarray(np.linalg.norm(there - expected, axis=1) / np.sqrt(right.areas[pairs.right]))
 
 
-def _agreement(problem: MatchProblem, left: PolygonArrays, right: PolygonArrays) -> Array:
-    """(k,) share of the points in either polygon that are in both. One point in both and one in only one are added
-    (Laplace's rule of succession), so that few points have little weight."""
-    each = np.arange(len(left))
-    shared = shared_points(problem.initial.forward()[0], left, right)
-    at = lookup(np.arange(len(shared.pairs)), shared.pairs, Candidates(each, each))
-    both = np.where(at >= 0, shared.counts[np.maximum(at, 0)] if len(shared.pairs) else 0, 0)
-    return np.asarray((both + 1) / (shared.inside[0] + shared.inside[1] - both + 2))
-
-
 def _compared(
     problem: MatchProblem, left: PolygonArrays, right: PolygonArrays, linear: Array, config: LocalConfig
 ) -> tuple[Array, Array]:
@@ -93,26 +86,16 @@ def _compared(
     warped = warp_by_points(left, *problem.initial.forward(), config)
     own = geometry.linearised(warped.maps, left.centers)[1]
     own = np.where(_usable(own)[:, None, None], own, linear)  # of the points in and around each polygon
-    maps = _onto(left, right, own)
+    maps = by_areas(left, right, own)
     moved = transform_polygons(left, each, maps)
     in_place = content.peaks(problem.images, moved, right.shapes, maps, config.verify, config.max_halvings)
-    maps = _onto(left, right, linear)
+    maps = by_areas(left, right, linear)
     frames, sampling = transform_polygons(left, each, maps), (config.patch, config.max_halvings)
     patches = (
         texture.TexturePatches(problem.images[0], frames, np.linalg.inv(maps).astype(np.float64), *sampling),
         texture.TexturePatches(problem.images[1], right.shapes, np.broadcast_to(np.eye(3), maps.shape), *sampling),
     )
     return in_place, np.maximum(texture.correlation(patches, Candidates(each, each), config.min_contrast), 0.0)
-
-
-def _onto(left: PolygonArrays, right: PolygonArrays, linear: Array) -> Array:
-    """(k, 3, 3) affine maps, `linear` up to scale, that bring each left polygon onto its partner: same centroid, same
-    area."""
-    scale = np.sqrt(right.areas / np.maximum(left.areas * np.abs(np.linalg.det(linear)), 1e-300))
-    maps = np.zeros((len(left), 3, 3))
-    maps[:, :2, :2], maps[:, 2, 2] = scale[:, None, None] * linear, 1.0
-    maps[:, :2, 2] = right.centers - np.einsum("kij,kj->ki", maps[:, :2, :2], left.centers)
-    return maps
 
 
 def _usable(linear: Array) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from zpm2.formats.convert import Members
 from zpm2.formats.layer import DEGREES
 from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import as_degrees, check_ground, outlines_of, to_ground, to_pixels
+from zpm2.formats.regions.outlines import rings_of
 from zpm2.formats.regions.region import (
     CarriedRegion,
     GivenRegion,
@@ -107,7 +108,7 @@ def open_features(path: Path, data: Members) -> Features:
 
 
 def _rings(polygon: shapely.Polygon) -> list[list[list[float]]]:
-    return [shapely.get_coordinates(ring).tolist() for ring in (polygon.exterior, *polygon.interiors)]
+    return [ring.tolist() for ring in rings_of(polygon)]
 
 
 def _code(crs: str) -> str | None:
