@@ -119,9 +119,8 @@ def test_a_region_of_two_parts_keeps_both():
 
 
 def test_rigid_outlines_keep_their_form():
-    images = blank(SIZE, SIZE, 1), blank(SIZE, SIZE, 2)
     turned = np.array([[0.0, -2.0, 230.0], [2.0, 0.0, 20.0], [0, 0, 1]])
-    found = pair.moved_only(images, np.array(CELLS[:1], object), geometry_of(points(turned)), CONFIG, None)
+    found = pair.moved_only((SIZE, SIZE), np.array(CELLS[:1], object), geometry_of(points(turned)), CONFIG, None)
     shape = found[0].shape
     assert found[0].status in ("found", "in part")
     assert shape.area == pytest.approx(4 * CELLS[0].area, rel=1e-3)

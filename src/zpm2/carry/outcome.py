@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 import shapely
 
-from zpm2.carry.places import Shape
 from zpm2.config import CarryConfig
+from zpm2.formats.regions.region import Shape
 
 Status = Literal["found", "in part", "outside", "hidden", "not found"]
 
@@ -42,12 +42,16 @@ def inside_share(shape: shapely.Geometry, size: tuple[int, int]) -> float:
     return float(shape.intersection(shapely.box(0, 0, *size)).area / shape.area)
 
 
+def is_outside(place: shapely.Geometry, trust: float, size: tuple[int, int], config: CarryConfig) -> bool:
+    """Whether points say that a place is not within a photograph of `size` (width, height) px."""
+    return trust >= config.min_trust and not place.is_empty and inside_share(place, size) < config.outside
+
+
 def missing(
     place: shapely.Geometry, trust: float, size: tuple[int, int], lost: str | None, config: CarryConfig
 ) -> tuple[Status, str]:
     """Status and reason of a region for which no answer was good enough; `lost` names the one that took its place."""
-    within = inside_share(place, size)
-    if trust >= config.min_trust and not place.is_empty and within < config.outside:
+    if is_outside(place, trust, size, config):
         return "outside", "its place by the points around is outside of the photograph"
     if lost is not None:
         return "not found", f"region {lost} fits its only place better"

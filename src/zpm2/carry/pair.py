@@ -13,8 +13,9 @@ from zpm2.carry import contest, outcome
 from zpm2.carry.asking import Answers, Expectation, agreed, ask
 from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.carry.outcome import Outcome
-from zpm2.carry.places import Places, Shape, places
+from zpm2.carry.places import Places, places
 from zpm2.config import CarryConfig, Config
+from zpm2.formats.regions.region import Shape
 from zpm2.global_match import InitialGeometry
 from zpm2.model import Image
 from zpm2.polygons.simplify import simplify
@@ -40,17 +41,21 @@ def carry(
     """What became of each of (n,) shapes, left px. `names` are what reasons call them; `initial` is the pair's."""
     found = places(shapes, initial, config.carry, config.local_match)
     size = images[1].width, images[1].height
-    near = np.array([not _is_outside(found, k, size, config.carry) for k in range(len(shapes))], bool)
-    if not near.any():
-        return [_outcome(found, k, None, names, size, config.carry) for k in range(len(shapes))]
+    asked = [
+        k
+        for k, (place, trust) in enumerate(zip(found.shapes, found.trust, strict=True))
+        if not outcome.is_outside(place, trust, size, config.carry)
+    ]
+    if not asked:
+        return [_outcome(found, k, None, size, config.carry) for k in range(len(shapes))]
     view = segmenter.view(images[1])
     likeness = None
-    if isinstance(view, EmbeddedView) and near.any():
+    if isinstance(view, EmbeddedView):
         other = segmenter.view(images[0])
         assert isinstance(other, EmbeddedView)
         likeness = _Likeness(other, view, shapes, config.carry)
     answers = [Answers(MaskPredictions.none(view.size), np.zeros(0))] * len(shapes)
-    trust, asked = found.trust.copy(), np.flatnonzero(near)
+    trust = found.trust.copy()
     for start in range(0, len(asked), ASKED):
         rows = asked[start : start + ASKED]
         expected = [_expected(view, found, k, likeness, config.carry) for k in rows]
@@ -67,16 +72,16 @@ def carry(
     drawn = [k for k, each in enumerate(outlines) if each is not None]
     agreement = np.array([answers[k].agreement[choices[k].row] for k in drawn])
     apart = contest.disjoint(np.array([outlines[k] for k in drawn], object), shapes[drawn], agreement, config.carry)
+    shown: dict[int, Shape] = {k: shape for k, shape in zip(drawn, apart, strict=True) if not shape.is_empty}
+    visible = _visible(found, shown, likeness, config.carry)
     results = []
     for k, (each, choice) in enumerate(zip(answers, choices, strict=True)):
-        shape: Shape | None = apart[drawn.index(k)] if k in drawn else None
         seen = None
-        if shape is not None and not shape.is_empty:
-            visible = _visible(found, k, shape, likeness, config.carry)
+        if k in shown:
             others = tuple(_center(view, each.masks.bits[row], each.agreement[row]) for row in choice.others)
-            seen = shape, float(each.agreement[choice.row]), visible, others
+            seen = shown[k], float(each.agreement[choice.row]), visible[k], others
         lost = None if choice.lost is None else names[choice.lost]
-        results.append(_outcome(found, k, seen, names, size, config.carry, lost))
+        results.append(_outcome(found, k, seen, size, config.carry, lost))
     return results
 
 
@@ -101,17 +106,11 @@ class _Likeness:
         fine = cv2.resize(cells, (cells.shape[1] * px, cells.shape[0] * px), interpolation=cv2.INTER_LINEAR)
         return np.asarray(fine[: size[0], : size[1]])
 
-    def visible(self, k: int, shape: Shape) -> float:
-        """0..1, the share of region k that looks like something inside the found shape, right px."""
-        back = transferred(self.sides[1], self.sides[0], self.sides[1].shares(np.array([shape], object)), self.config)
-        return float(np.average(back.ravel() >= 0.5, weights=self.shares[k]))
-
-
-def _is_outside(found: Places, k: int, size: tuple[int, int], config: CarryConfig) -> bool:
-    place = found.shapes[k]
-    return bool(
-        found.trust[k] >= config.min_trust and not place.is_empty and outcome.inside_share(place, size) < config.outside
-    )
+    def visible(self, rows: Sequence[int], shapes: Shapes) -> Array:
+        """(k,) 0..1, the share of each of the regions `rows` that looks like something inside its found shape, right
+        px."""
+        back = transferred(self.sides[1], self.sides[0], self.sides[1].shares(shapes), self.config)
+        return np.array([np.average(b.ravel() >= 0.5, weights=self.shares[k]) for k, b in zip(rows, back, strict=True)])
 
 
 def _expected(
@@ -139,20 +138,26 @@ def _center(view: PromptedView, bits: NDArray[np.bool_], agreement: float) -> tu
     return float((x.mean() + 0.5) / view.mask_scale), float((y.mean() + 0.5) / view.mask_scale), float(agreement)
 
 
-def _visible(found: Places, k: int, shape: Shape, likeness: _Likeness | None, config: CarryConfig) -> float | None:
-    place = found.shapes[k]
-    if found.trust[k] >= config.trusted and not place.is_empty:
-        return float(min(1.0, shape.intersection(place).area / place.area))
-    if likeness is not None and likeness.weight(k) >= 1:
-        return likeness.visible(k, shape)
-    return None
+def _visible(
+    found: Places, shown: dict[int, Shape], likeness: _Likeness | None, config: CarryConfig
+) -> dict[int, float | None]:
+    """How much of each region is visible, by its row: by its place where points tell it, else by its likeness."""
+    visible: dict[int, float | None] = dict.fromkeys(shown)
+    placed = [k for k in shown if found.trust[k] >= config.trusted and not found.shapes[k].is_empty]
+    for k in placed:
+        place = found.shapes[k]
+        visible[k] = float(min(1.0, shown[k].intersection(place).area / place.area))
+    rows = [] if likeness is None else [k for k in shown if k not in placed and likeness.weight(k) >= 1]
+    if likeness is not None and rows:
+        shares = likeness.visible(rows, np.array([shown[k] for k in rows], object))
+        visible |= dict(zip(rows, shares.tolist(), strict=True))
+    return visible
 
 
 def _outcome(
     found: Places,
     k: int,
     seen: tuple[Shape, float, float | None, tuple[tuple[float, float, float], ...]] | None,
-    names: Sequence[str],
     size: tuple[int, int],
     config: CarryConfig,
     lost: str | None = None,
@@ -183,26 +188,26 @@ def _outcome(
 
 
 def moved_only(
-    images: tuple[Image, Image], shapes: Shapes, initial: InitialGeometry, config: Config, linear: Array | None
+    size: tuple[int, int], shapes: Shapes, initial: InitialGeometry, config: Config, linear: Array | None
 ) -> list[Outcome]:
     """The shapes moved without change of form: by the similarity nearest to their map, or by `linear` (2, 2), that of
-    two georeferences, and the shift that the points tell. No photograph is segmented."""
-    found, size = places(shapes, initial, config.carry, config.local_match), (images[1].width, images[1].height)
+    two georeferences, and the shift that the points tell. `size` is the right photograph's (width, height) px; none is
+    segmented."""
+    found = places(shapes, initial, config.carry, config.local_match)
     results = []
     for k, shape in enumerate(shapes):
         trust, place = float(found.trust[k]), found.shapes[k]
         if place.is_empty or trust < config.carry.min_trust:
-            results.append(_outcome(found, k, None, (), size, config.carry))
+            results.append(_outcome(found, k, None, size, config.carry))
             continue
         here, there = np.array(shape.centroid.coords[0]), np.array(place.centroid.coords[0])
         turn = _similarity(found.maps[k], here) if linear is None else linear
         moved = shapely.transform(shape, lambda xy, turn=turn, here=here, there=there: (xy - here) @ turn.T + there)
         within = outcome.inside_share(moved, size)
         if within < config.carry.outside:
-            results.append(_outcome(found, k, None, (), size, config.carry))
+            results.append(_outcome(found, k, None, size, config.carry))
             continue
-        each = _outcome(found, k, (moved, trust, within, ()), (), size, config.carry)
-        results.append(each)
+        results.append(_outcome(found, k, (moved, trust, within, ()), size, config.carry))
     return results
 
 

@@ -5,7 +5,6 @@ with that, but its own points agree on a motion of their own.
 """
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -16,13 +15,12 @@ from scipy.spatial import cKDTree
 from zpm2 import geometry
 from zpm2.config import CarryConfig, LocalConfig
 from zpm2.global_match import InitialGeometry
-from zpm2.model import PointMatches, Polygon, PolygonArrays
+from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons.shapes import from_shape
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.warp import warp_by_points
 
 Array = NDArray[np.float64]
-Shape: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 MOTION_POINTS = 4  # two fix a similarity, two more must agree
 
 
@@ -33,8 +31,7 @@ class Places:
     shapes: NDArray[np.object_]  # (n,) right px, beyond the border too; empty where no map is known
     maps: Array  # (n, 3, 3) right ~ map @ left, image px, of the largest part of each
     trust: Array  # (n,) 0..1, how much the points say that this is the place
-    inside: NDArray[np.int64]  # (n,) homologous points inside the region
-    agreeing: NDArray[np.int64]  # (n,) of these, those that agree with the map
+    agreeing: NDArray[np.int64]  # (n,) homologous points inside the region that agree with the map
     sigma: Array  # (n,) px, standard deviation of the place along each axis; NaN where fewer than three points tell
 
 
@@ -42,17 +39,16 @@ def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryC
     """The (n,) shapes, left px, where the points of a pair put them."""
     n, points = len(shapes), initial.points
     part, owner = shapely.get_parts(shapes, return_index=True)
-    arrays = PolygonArrays([_polygon(each, k) for k, each in enumerate(part)])
-    maps = warp_by_points(arrays, *initial.forward(), warp).maps.copy()
+    arrays = PolygonArrays([from_shape(each, k) for k, each in enumerate(part)])
+    forward = initial.forward()
+    maps = warp_by_points(arrays, *forward, warp).maps.copy()
     span = np.hypot(*(arrays.bounds[:, 2:] - arrays.bounds[:, :2]).T)
     reach = np.maximum(config.agree_px, config.agree_share * span)
-    inside, agreeing = np.zeros(len(part), np.int64), np.zeros(len(part), np.int64)
-    trust, sigma = np.zeros(len(part)), np.full(len(part), np.nan)
+    trust, sigma, agreeing = np.zeros(len(part)), np.full(len(part), np.nan), np.zeros(len(part), np.int64)
     own = _points_inside(arrays, points)
-    known = initial.forward()[0] if initial.supported else PointMatches.empty()
+    known = forward[0] if initial.supported else PointMatches.empty()
     near_points = cKDTree(known.left) if len(known) else None
     for k, rows in enumerate(own):
-        inside[k] = len(rows)
         if len(rows):
             some = points[rows]
             good = _errors(maps[k], some) <= reach[k]
@@ -74,14 +70,9 @@ def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryC
         np.array([shapely.unary_union(moved[owner == k]) for k in range(n)], object),
         maps[first] if n else np.zeros((0, 3, 3)),
         np.asarray(np.bincount(owner, weight * trust, n), np.float64),
-        np.bincount(owner, inside, n).astype(np.int64),
         np.bincount(owner, agreeing, n).astype(np.int64),
         sigma[first] if n else sigma,
     )
-
-
-def _polygon(shape: shapely.Polygon, id: int) -> Polygon:
-    return from_shape(shape, id, 1.0)
 
 
 def _points_inside(arrays: PolygonArrays, points: PointMatches) -> list[NDArray[np.intp]]:

@@ -13,14 +13,13 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.carry.outcome import Outcome
-from zpm2.carry.places import Shape
 from zpm2.config import RasterConfig
 from zpm2.files.photo_paths import absolute, photo_reference
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.convert import Members
 from zpm2.formats.properties import plain
-from zpm2.formats.regions.outlines import parts_of
-from zpm2.formats.regions.region import CarriedRegion, GivenRegion, RegionFile
+from zpm2.formats.regions.outlines import parts_of, rings_of
+from zpm2.formats.regions.region import CarriedRegion, GivenRegion, RegionFile, Shape
 from zpm2.formats.regions.registry import write_regions, written_names
 from zpm2.formats.regions.shifts import Shift, has_shifts, write_shifts
 from zpm2.model import Georeference, ImagePolygons, Polygon, PolygonMatch
@@ -77,10 +76,6 @@ class CarryResult:
             for region, outcome in zip(self.regions, self.outcomes, strict=True)
         ]
 
-    def file_names(self) -> list[str]:
-        """The names of all files that `save` may write."""
-        return file_names(self.file)
-
     def plot(self, max_width: int = PICTURE_WIDTH) -> PIL.Image.Image:
         """Both photographs with the regions in one colour each. `InputError` where one cannot be read again."""
         return PIL.Image.fromarray(self._overlay(max_width))
@@ -90,7 +85,7 @@ class CarryResult:
         photographs `shifts.geojson`, into a folder, which is made; returns it. `carry.json` comes last.
         `OutputError`."""
         photographs = [side.path for side in (self.left, self.right) if side.path is not None]
-        folder = claim(directory, self.file_names(), photographs)
+        folder = claim(directory, file_names(self.file), photographs)
         notes = list(self.notes)
         if self.file is not None:
             notes += write_regions(folder, self.file, self.carried(), self.right)
@@ -122,7 +117,7 @@ class CarryResult:
                     "id": region.source_id,
                     "label": region.label,
                     **_attributes(outcome),
-                    "parts": [] if outcome.shape is None else [_rings(part) for part in parts_of(outcome.shape)],
+                    "parts": [] if outcome.shape is None else [_vertices(part) for part in parts_of(outcome.shape)],
                 }
                 for region, outcome in zip(self.regions, self.outcomes, strict=True)
             ],
@@ -189,5 +184,5 @@ def _attributes(outcome: Outcome) -> dict[str, object]:
     return {name: plain(value) for name, value in values.items()}
 
 
-def _rings(part: shapely.Polygon) -> list[list[list[float]]]:
-    return [shapely.get_coordinates(ring)[:-1].round(3).tolist() for ring in (part.exterior, *part.interiors)]
+def _vertices(part: shapely.Polygon) -> list[list[list[float]]]:
+    return [ring[:-1].round(3).tolist() for ring in rings_of(part)]

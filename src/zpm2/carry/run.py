@@ -1,6 +1,7 @@
 """Carries the regions of a file, or of a list, from one photograph to others: whole, or by windows."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,9 @@ from zpm2.features import weights_notes
 from zpm2.formats.regions.outlines import shape_of
 from zpm2.formats.regions.region import GivenRegion, RegionFile
 from zpm2.formats.regions.registry import open_regions
-from zpm2.global_match import initial_geometry, points_with_data
+from zpm2.global_match import InitialGeometry, initial_geometry, points_with_data
 from zpm2.global_match.pair_points import PointFinder
-from zpm2.model import Polygon
+from zpm2.model import Image, Polygon
 from zpm2.model.messages import split
 from zpm2.photos.images import whole
 from zpm2.photos.source import Source
@@ -56,13 +57,10 @@ def carry(
         points = finder()
         own = None if rigid else segmenter()
         prompted = None if own is None else _prompted(own, config)
-    names = [region.source_id or str(region.row) for region in given]
-    chosen = np.array([shapes[k] for k in usable], object)
-    chosen_names = [names[k] for k in usable]
-    if max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window:
-        found = _whole(sources, chosen, chosen_names, points, prompted, config, timer, notes)
-    else:
-        found = _by_windows(sources, chosen, chosen_names, points, prompted, config, timer, notes)
+    names = [given[k].source_id or str(given[k].row) for k in usable]
+    job = _Job(sources, np.array([shapes[k] for k in usable], object), names, points, prompted, config, timer, notes)
+    small = max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window
+    found = job.whole() if small else job.by_windows()
     nothing = Outcome("not found", "it has no area in the left photograph", None, 0.0, None)
     by_row = dict(zip(usable, found, strict=True))
     outcomes = [by_row.get(k, nothing) for k in range(len(given))]
@@ -85,60 +83,69 @@ def carry(
     )
 
 
-def _whole(
-    sources: tuple[Source, Source],
-    shapes: NDArray[np.object_],
-    names: Sequence[str],
-    finder: PointFinder,
-    segmenter: PromptedSegmenter | None,
-    config: Config,
-    timer: StageTimer,
-    notes: list[str],
-) -> list[Outcome]:
-    estimate.refuse_whole(config, [(source.width, source.height) for source in sources], segmenter is None)
-    with timer("read"):
-        images = whole(sources[0], "left image"), whole(sources[1], "right image")
-    looked = finder(images, timer)
-    notes += looked.notes
-    with timer("carry"):
-        if segmenter is None:
-            return pair.moved_only(images, shapes, looked.initial, config, _ground_map(sources))
-        return pair.carry(
-            images, shapes, names, looked.initial, segmenter, config, lambda share: timer.progress("carry", share)
-        )
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """The regions of one pair, and all that is needed to carry them."""
 
+    sources: tuple[Source, Source]
+    shapes: NDArray[np.object_]  # (n,) left px
+    names: Sequence[str]  # of each, for reasons
+    finder: PointFinder
+    segmenter: PromptedSegmenter | None  # None: outlines are only moved
+    config: Config
+    timer: StageTimer
+    notes: list[str]  # of the run, added to
 
-def _by_windows(
-    sources: tuple[Source, Source],
-    shapes: NDArray[np.object_],
-    names: Sequence[str],
-    finder: PointFinder,
-    segmenter: PromptedSegmenter | None,
-    config: Config,
-    timer: StageTimer,
-    notes: list[str],
-) -> list[Outcome]:
-    initial, told = windows.overview(sources, finder, config, timer)
-    notes += told
-    found: dict[int, Outcome] = {}
-    with timer("carry"):
-        for rows, views in windows.window_pairs(sources, shapes, initial, config):
-            if views is None:
-                size = sources[1].width, sources[1].height
-                unseen = missing(shapely.Polygon(), 0.0, size, None, config.carry)
-                found |= {int(row): Outcome(*unseen, None, 0.0, None) for row in rows}
-                continue
-            images = views.left.image, views.right.image
-            there = windows.to_view(shapes[rows], views.left)
-            found_here = points_with_data(finder.load().match(*images), images)
-            here = initial_geometry(found_here, config.global_match, config.seed)
-            if segmenter is None:
-                made = pair.moved_only(images, there, here, config, None)
-            else:
-                made = pair.carry(images, there, [names[row] for row in rows], here, segmenter, config)
-            found |= {int(row): windows.from_view(each, views.right) for row, each in zip(rows, made, strict=True)}
-            timer.progress("carry", len(found) / len(shapes))
-    return [found[k] for k in range(len(shapes))]
+    def whole(self) -> list[Outcome]:
+        """Both photographs are seen as a whole."""
+        sizes = [(source.width, source.height) for source in self.sources]
+        estimate.refuse_whole(self.config, sizes, self.segmenter is None)
+        with self.timer("read"):
+            images = whole(self.sources[0], "left image"), whole(self.sources[1], "right image")
+        looked = self.finder(images, self.timer)
+        self.notes.extend(looked.notes)
+        rows = np.arange(len(self.shapes))
+        with self.timer("carry"):
+            return self._carried(images, rows, self.shapes, looked.initial, _ground_map(self.sources), self._progress)
+
+    def by_windows(self) -> list[Outcome]:
+        """Windows around the regions are seen one by one."""
+        config = self.config
+        initial, told = windows.overview(self.sources, self.finder, config, self.timer)
+        self.notes.extend(told)
+        found: dict[int, Outcome] = {}
+        with self.timer("carry"):
+            for rows, views in windows.window_pairs(self.sources, self.shapes, initial, config):
+                if views is None:
+                    size = self.sources[1].width, self.sources[1].height
+                    unseen = missing(shapely.Polygon(), 0.0, size, None, config.carry)
+                    found |= {int(row): Outcome(*unseen, None, 0.0, None) for row in rows}
+                    continue
+                images = views[0].image, views[1].image
+                points = points_with_data(self.finder.load().match(*images), images)
+                here = initial_geometry(points, config.global_match, config.seed)
+                made = self._carried(images, rows, windows.to_view(self.shapes[rows], views[0]), here)
+                found |= {int(row): windows.from_view(each, views[1]) for row, each in zip(rows, made, strict=True)}
+                self._progress(len(found) / len(self.shapes))
+        return [found[k] for k in range(len(self.shapes))]
+
+    def _carried(
+        self,
+        images: tuple[Image, Image],
+        rows: NDArray[np.intp],
+        shapes: NDArray[np.object_],
+        initial: InitialGeometry,
+        linear: NDArray[np.float64] | None = None,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> list[Outcome]:
+        """The regions `rows`, whose `shapes` are px of the left one of two images."""
+        if self.segmenter is None:
+            return pair.moved_only((images[1].width, images[1].height), shapes, initial, self.config, linear)
+        names = [self.names[row] for row in rows]
+        return pair.carry(images, shapes, names, initial, self.segmenter, self.config, progress)
+
+    def _progress(self, share: float) -> None:
+        self.timer.progress("carry", share)
 
 
 def _of_file(file: RegionFile, left: Source, notes: list[str]) -> list[GivenRegion]:

@@ -1,7 +1,7 @@
 """Regions of a photograph of any size: by windows, each with the part of the other photograph that shows it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -21,15 +21,6 @@ from zpm2.tiled.view import TileView, applied_turn, read_view, reduced_size
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]
-
-
-@dataclass(frozen=True, eq=False)
-class WindowPair:
-    """A part of each photograph, at a common ground resolution and upright to each other, and the regions in it."""
-
-    rows: NDArray[np.intp]  # of the regions
-    left: TileView
-    right: TileView
 
 
 def overview(
@@ -52,9 +43,10 @@ def overview(
 
 def window_pairs(
     sources: tuple[Source, Source], shapes: Shapes, initial: InitialGeometry, config: Config
-) -> Iterator[tuple[NDArray[np.intp], WindowPair | None]]:
-    """The windows that hold regions, row by row; None where the other photograph does not show that part, or nothing
-    tells where it does."""
+) -> Iterator[tuple[NDArray[np.intp], tuple[TileView, TileView] | None]]:
+    """The windows that hold regions, row by row: the rows of the regions, and that part of the left and of the right
+    photograph, at a common ground resolution and upright to each other. None where the right one does not show it, or
+    nothing tells where it does."""
     side, margin = config.carry.window, config.carry.window * config.carry.window_margin
     centers = np.c_[shapely.get_x(shapely.centroid(shapes)), shapely.get_y(shapely.centroid(shapes))]
     cell = np.floor(centers / side).astype(np.int64)
@@ -94,7 +86,7 @@ def window_pairs(
             read_view(sources[0], window, reduced_size(window, 1 / scale if scale < 1 else 1.0)),
             read_view(sources[1], other, reduced_size(other, scale if scale > 1 else 1.0), -turn),
         )
-        yield rows, WindowPair(rows, *views)
+        yield rows, views
 
 
 def _within(low: Sequence[float], high: Sequence[float], source: Source) -> Window:
