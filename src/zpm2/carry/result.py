@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 import PIL.Image
 import shapely
@@ -25,6 +24,7 @@ from zpm2.formats.regions.shifts import Shift, has_shifts, write_shifts
 from zpm2.model import Georeference, ImagePolygons, Polygon, PolygonMatch
 from zpm2.model.brief import brief
 from zpm2.photos.geolocation import meters_between, world_of
+from zpm2.photos.pictures import png
 from zpm2.photos.reopen import pixels
 from zpm2.polygons.shapes import from_shape
 from zpm2.runtime import package_version
@@ -89,8 +89,7 @@ class CarryResult:
         notes = list(self.notes)
         if self.file is not None:
             notes += write_regions(folder, self.file, self.carried(), self.right)
-        picture = cv2.imencode(".png", cv2.cvtColor(self._overlay(PICTURE_WIDTH), cv2.COLOR_RGB2BGR))[1]
-        atomic_write(folder / PICTURE, picture.tobytes())
+        atomic_write(folder / PICTURE, png(self._overlay(PICTURE_WIDTH)))
         if has_shifts(self.left, self.right):
             write_shifts(folder / SHIFTS, self._shifts(), self.left, self.right)
         document = self.to_dict() | {"notes": notes}

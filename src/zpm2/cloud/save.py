@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import cv2
-
 from zpm2.cloud import export
 from zpm2.cloud.display_mesh import display_mesh
 from zpm2.cloud.page import page
@@ -11,6 +9,7 @@ from zpm2.cloud.picture import three_views
 from zpm2.cloud.result import PolygonCloud
 from zpm2.errors import Failed
 from zpm2.files.writing import atomic_write, claim
+from zpm2.photos.pictures import png
 
 NAMES = (
     *("patches.ply", "cloud.glb", "boundaries.geojson", "boundaries.wkt", "points.ply", "points.las"),
@@ -44,8 +43,7 @@ def save(cloud: PolygonCloud, folder: str | Path, spacing: float | None = None, 
     if isinstance(picture, Failed):
         missing.append(f"no cloud.png: {picture}")
     else:
-        pixels = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-        atomic_write(out / "cloud.png", cv2.imencode(".png", pixels)[1].tobytes())
+        atomic_write(out / "cloud.png", png(picture))
     atomic_write(out / "cloud.html", page(cloud))
     cloud.save_json(out)
     return missing

@@ -5,7 +5,6 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from zpm2.formats import registry
 from zpm2.formats.convert import Members
 from zpm2.formats.registry import PairResult
 from zpm2.model import SIDES
+from zpm2.photos.pictures import png
 
 DOCUMENT = "matches.json"
 PICTURES = ("overlay.png", "unmatched.png", "contact.png")
@@ -43,8 +43,7 @@ def save(
     for each in [*usual, *(each for each in asked if each not in usual)]:
         each.write(result, folder)
     for name, pixels in pictures.items():
-        png = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
-        atomic_write(folder / name, png.tobytes())
+        atomic_write(folder / name, png(pixels))
     document = result.to_dict()
     for side in SIDES:
         document[side] |= photo_reference(document[side]["path"], folder)

@@ -1,4 +1,4 @@
-"""Pictures read by Pillow as a whole: files, and PIL pictures in memory."""
+"""Pictures read by Pillow as a whole: files, and PIL pictures in memory. And RGB pixels as a PNG file."""
 
 import struct
 import threading
@@ -12,6 +12,7 @@ from typing import BinaryIO
 import cv2
 import numpy as np
 import PIL.Image
+from numpy.typing import NDArray
 
 from zpm2.config import StretchConfig
 from zpm2.errors import InputError
@@ -261,3 +262,8 @@ def _pixel_limit(what: str) -> Iterator[None]:
             raise checks.no_memory(what) from error
         finally:
             PIL.Image.MAX_IMAGE_PIXELS = before
+
+
+def png(rgb: NDArray[np.uint8]) -> bytes:
+    """(h, w, 3) RGB pixels as the content of a PNG file."""
+    return bytes(cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes())

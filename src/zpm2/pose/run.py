@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
-
 from zpm2 import api, memory
 from zpm2 import config as configuration
 from zpm2.config import Config
@@ -20,6 +18,7 @@ from zpm2.formats.colmap import require_pycolmap
 from zpm2.model import SIDES, Camera, Image, counterparts
 from zpm2.model.brief import brief
 from zpm2.photos.images import read_image
+from zpm2.photos.pictures import png
 from zpm2.pose import colmap
 from zpm2.pose.rectify import rectify
 from zpm2.pose.relative import PoseFinder
@@ -167,8 +166,7 @@ def check_colmap(left: Place, right: Place) -> None:
 
 def _save_rectified(pair: RectifiedPair, matches: MatchResult, folder: Path) -> Path:
     for name, side in zip(SIDES, (pair.left, pair.right), strict=True):
-        picture = cv2.cvtColor(side.image.rgb, cv2.COLOR_RGB2BGR)
-        atomic_write(folder / f"{name}.png", cv2.imencode(".png", picture)[1].tobytes())
+        atomic_write(folder / f"{name}.png", png(side.image.rgb))
         width, height = side.camera.size
         partners = counterparts(matches.matches, name)
         collection = geojson.feature_collection(side.polygons, partners, f"{name}.png", width, height)

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from zpm2.formats.colmap import require_pycolmap
 from zpm2.photos.images import read_image
+from zpm2.photos.pictures import png
 
 DECODER_DIFFERENCE = 2.0  # grey levels: two decoders of one JPEG differ by less on average
 
@@ -20,4 +20,4 @@ def as_png(path: Path) -> bytes | None:
         seen = np.asarray(bitmap.to_array())
         if np.abs(seen.astype(np.int16) - image.rgb).mean() < DECODER_DIFFERENCE:
             return None
-    return bytes(cv2.imencode(".png", cv2.cvtColor(image.rgb, cv2.COLOR_RGB2BGR))[1].tobytes())
+    return png(image.rgb)
