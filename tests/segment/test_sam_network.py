@@ -1,5 +1,7 @@
 """The cut SAM networks against kornia's own decoder, and the back ends against each other."""
 
+import subprocess
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -86,3 +88,25 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
         for height, width in ((256, 256), (78, 256), (256, 101)):
             logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]], (height, width))
             assert ((logits > 0) != (masks[[0, 2], :, :height, :width].numpy() > 0)).mean() < 1e-4
+
+
+FREED_ELSEWHERE = """
+import signal, threading
+import numpy as np
+from openvino import Model, opset8
+from zpm2.segment.sam_backend import openvino_core
+
+x = opset8.parameter([1], np.float32)
+networks = [openvino_core().compile_model(Model([opset8.relu(x)], [x]), "CPU")]
+freeing = threading.Thread(target=networks.clear)
+freeing.start()
+freeing.join()
+signal.signal(signal.SIGTERM, lambda *_: print("handled"))
+signal.raise_signal(signal.SIGTERM)
+"""
+
+
+@pytest.mark.skipif(find_spec("openvino") is None, reason="openvino is not installed")
+def test_signals_are_handled_after_another_thread_freed_the_networks() -> None:
+    command = [sys.executable, "-X", "faulthandler", "-c", FREED_ELSEWHERE]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "handled\n"

@@ -6,6 +6,7 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 
 import warnings
 from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 from math import isqrt
 from pathlib import Path
@@ -21,7 +22,7 @@ from zpm2.runtime import mark_networks_loaded
 
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
-    from openvino import CompiledModel
+    from openvino import CompiledModel, Core
     from torch import Tensor
 
 Array = NDArray[np.float32]
@@ -125,6 +126,19 @@ class TorchBackend:
         return logits[:, :, : size[0], : size[1]].cpu().numpy()
 
 
+@cache
+def openvino_core() -> "Core":
+    """OpenVINO's one core of this process, which is never freed.
+
+    Its CPU plug-in gives the thread that opens it a stack for signal handlers, and unmaps that stack when the core is
+    freed, also where another thread frees it. The next signal, Ctrl-C say, would then end the process with a
+    segmentation fault.
+    """
+    import openvino
+
+    return openvino.Core()
+
+
 class OpenVinoBackend:
     """The networks converted to OpenVINO, single precision, on the CPU."""
 
@@ -140,7 +154,7 @@ class OpenVinoBackend:
         mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
             self.embed = PromptEmbedding(**arrays)
-        self.core = openvino.Core()
+        self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
         self.prompt_networks: dict[int, CompiledModel] = {}  # by number of prompt tokens
