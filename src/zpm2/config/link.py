@@ -31,7 +31,7 @@ class LinkConfig:
     )
     seeds: int = number(5, "places that are tried", low=1, high=100, source="time grows")
     max_pairs: int = number(
-        2_000_000, "pairs of polygons that vote at one place", low=1000, high=100_000_000, source="500 MB"
+        300_000, "pairs of polygons that vote at one place", low=1000, high=100_000_000, source="time grows"
     )
     min_area_ratio: float = share(
         0.5, "smaller by larger area of two polygons, from which on they vote", above=True, source=ROOFS
@@ -41,6 +41,12 @@ class LinkConfig:
     )
     max_second: float = share(
         0.8, "of the best vote that another shift and turn may have", above=True, source="houses in rows repeat"
+    )
+    gathered: float = share(
+        0.2,
+        "of the right centres within 2 tolerances of places that lie within half a tolerance, from which on a map "
+        "holds",
+        source="1/16 by chance, 0.6 on roof prints",
     )
     local_pairs: int = number(
         12, "pairs around a polygon whose median residual moves it", low=1, high=1000, source=ROOFS

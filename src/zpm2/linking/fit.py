@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.stats import binom
 
 from zpm2.config import LinkConfig
+from zpm2.errors import Failed
 from zpm2.linking.layer import Shapes
 from zpm2.linking.similarity import Similarity, Uncertainty, fitted
-from zpm2.linking.vote import Vote
+from zpm2.linking.vote import Vote, votes
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -31,14 +33,37 @@ class Fit:
     sigma: float  # m, standard deviation of a right centre around its place, along each axis
 
 
-def fit(left: Shapes, right: Shapes, vote: Vote, config: LinkConfig) -> Fit:
-    """Nearest pairs, fitted again and again by Student's distribution, from around the vote's place outwards."""
-    trees = cKDTree(left.centers), cKDTree(right.centers)
+def first_fit(left: Shapes, right: Shapes, config: LinkConfig) -> Fit | Failed:
+    """The fit from the first vote that counts and holds for all polygons; `Failed` with the reason of the best vote
+    where there is none."""
+    best, reason = 0.0, f"no polygons of the two layers lie within {config.max_reach:g} m of each other"
+    for vote in votes(left, right, config):
+        doubt = vote.doubt(config)
+        if doubt is None:
+            found = fit(left, right, vote, config)
+            if found:
+                return found
+            doubt = str(found)
+        if vote.votes / vote.polygons > best:
+            best, reason = vote.votes / vote.polygons, doubt
+    return Failed(reason)
+
+
+def fit(left: Shapes, right: Shapes, vote: Vote, config: LinkConfig) -> Fit | Failed:
+    """Nearest pairs, fitted again and again by Student's distribution, from around the vote's place outwards.
+
+    `Failed` where the right centres do not gather at the places of left ones: then it was chance.
+    """
+    tree = cKDTree(right.centers)
     away = np.hypot(*(left.centers - vote.similarity.center).T)
     similarity, radius = vote.similarity, vote.radius
     while True:
-        rows = np.flatnonzero(away <= radius)
-        similarity = _fitted(left, right, rows, similarity, trees[1], config)
+        here = left.centers[away <= radius]
+        similarity = _fitted(here, right.centers, similarity, config)
+        if not _gather(similarity(here), tree, config):
+            return Failed(
+                "the polygons do not lie on each other in any shift and turn: the layers show different things"
+            )
         if radius >= away.max():
             break
         radius *= GROWTH
@@ -54,6 +79,15 @@ def fit(left: Shapes, right: Shapes, vote: Vote, config: LinkConfig) -> Fit:
     return Fit(similarity, uncertainty, places, sigma)
 
 
+def _gather(places: Array, tree: cKDTree, config: LinkConfig) -> bool:
+    """Whether right centres gather at places: of those within two tolerances, more lie within half a tolerance than
+    chance puts there, a sixteenth."""
+    near, around = (
+        int(tree.query_ball_point(places, share * config.tolerance, return_length=True).sum()) for share in (0.5, 2.0)
+    )
+    return near >= config.gathered * around and float(binom.sf(near - 1, around, 1 / 16)) <= config.chance
+
+
 def nearest_pairs(places: Array, centers: Array, reach: float) -> tuple[Rows, Rows]:
     """Rows of places and of right centres that are each other's nearest within `reach` m."""
     there, of_place = cKDTree(centers).query(places, distance_upper_bound=reach)
@@ -63,18 +97,16 @@ def nearest_pairs(places: Array, centers: Array, reach: float) -> tuple[Rows, Ro
     return i.astype(np.int64), of_place[i].astype(np.int64)
 
 
-def _fitted(
-    left: Shapes, right: Shapes, rows: Rows, start: Similarity, tree: cKDTree, config: LinkConfig
-) -> Similarity:
-    """The similarity of some left polygons to the right ones nearest to their places."""
-    here, found = left.centers[rows], start
+def _fitted(here: Array, centers: Array, start: Similarity, config: LinkConfig) -> Similarity:
+    """The similarity of left centres to the right ones nearest to their places."""
+    found = start
     for _ in range(ROUNDS):
-        i, j = nearest_pairs(found(here), right.centers, 2 * config.tolerance)
+        i, j = nearest_pairs(found(here), centers, 2 * config.tolerance)
         if len(i) < 2:
             return found
-        off = right.centers[j] - found(here[i])
+        off = centers[j] - found(here[i])
         weights = 1 / (1 + (off**2).sum(1) / (FREEDOM * _sigma(off, config) ** 2))
-        found = fitted(here[i], right.centers[j], weights)
+        found = fitted(here[i], centers[j], weights)
     return found
 
 

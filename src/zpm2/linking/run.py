@@ -6,11 +6,10 @@ from pathlib import Path
 from zpm2 import memory
 from zpm2.config import Config, as_config
 from zpm2.errors import Failed
-from zpm2.linking.fit import fit
+from zpm2.linking.fit import first_fit
 from zpm2.linking.layer import Layer, Shapes, in_meters, local_frame, open_layer
 from zpm2.linking.links import Links, link_polygons
 from zpm2.linking.result import Link, LinkResult
-from zpm2.linking.vote import first_similarity
 from zpm2.model.messages import split
 from zpm2.runtime import Progress, StageTimer
 
@@ -38,16 +37,14 @@ def link(
             first, second = _opened(left), _opened(right)
             frame = local_frame(first)
             a, b = in_meters(first, frame), in_meters(second, frame)
-        with timer("vote"):
-            vote = first_similarity(a, b, chosen.link)
+        with timer("fit"):
+            fitted = first_fit(a, b, chosen.link)
         warnings, notes = split([*first.notes, *second.notes])
         more = chosen.to_dict(), timer.seconds
-        if isinstance(vote, Failed):
+        if isinstance(fitted, Failed):
             unmatched = _unmatched(first, a, None), _unmatched(second, b, None)
-            warnings = [f"no links: {vote}", *warnings]
-            return LinkResult(first, second, frame, vote, None, [], unmatched, ({}, {}), *more, warnings, notes)
-        with timer("fit"):
-            fitted = fit(a, b, vote, chosen.link)
+            warnings = [f"no links: {fitted}", *warnings]
+            return LinkResult(first, second, frame, fitted, None, [], unmatched, ({}, {}), *more, warnings, notes)
         with timer("link"):
             found = link_polygons(a, b, fitted, chosen.link)
         unmatched = _unmatched(first, a, found.unmatched[0]), _unmatched(second, b, found.unmatched[1])

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from scipy.stats import poisson
 
 from zpm2.config import LinkConfig
-from zpm2.errors import Failed
 from zpm2.linking.layer import Shapes
 from zpm2.linking.similarity import Similarity, rotation
 
@@ -22,6 +21,7 @@ Rows = NDArray[np.int64]
 
 STEP = 5.0  # by which the reach grows
 BESIDE = 2  # bins of shift, and twice as many of turn, within which a vote is part of the best one
+AROUND = 10  # bins of shift that tell how many votes chance gives
 FEWEST = 3  # polygons that can vote: two agree on any turn
 
 
@@ -33,42 +33,37 @@ class Vote:
     radius: float  # m, around its centre, of the polygons that voted
     votes: int
     polygons: int  # that could vote
-    expected: float  # votes for one shift and turn by chance
     chance: float  # 0..1, probability of as many votes somewhere, if the layers had nothing to do with each other
     second: int  # most votes for another shift and turn
 
+    def doubt(self, config: LinkConfig) -> str | None:
+        """Why the vote does not count; None where it does."""
+        of = f"{self.polygons} polygons around one place"
+        if self.chance > config.chance:
+            return (
+                "no shift and turn lays enough polygons of one layer on those of the other: "
+                f"at best {self.votes} of {of}, which chance may do"
+            )
+        if self.second > config.max_second * self.votes:
+            return (
+                f"different shifts or turns fit about equally well ({self.votes} and {self.second} of {of}): the "
+                "polygons repeat, or the layers show different things"
+            )
+        return None
 
-def first_similarity(left: Shapes, right: Shapes, config: LinkConfig) -> Vote | Failed:
-    """The shift and turn that votes agree on, from near to far shifts; `Failed` where they do not."""
+
+def votes(left: Shapes, right: Shapes, config: LinkConfig) -> Iterator[Vote]:
+    """The best vote of each place, from near to far shifts."""
     trees = cKDTree(left.centers), cKDTree(right.centers)
-    best: Vote | None = None
     reach = config.reach
     while True:
         for rows in _seeds(left, right, trees, reach, config):
             vote = _vote(left, right, rows, trees[1], reach, config)
-            if vote is None:
-                continue
-            if vote.chance <= config.chance and vote.second <= config.max_second * vote.votes:
-                return vote
-            if best is None or vote.votes * best.polygons > best.votes * vote.polygons:
-                best = vote
+            if vote is not None:
+                yield vote
         if reach >= config.max_reach:
-            return Failed(_reason(best, config))
+            return
         reach = min(STEP * reach, config.max_reach)
-
-
-def _reason(best: Vote | None, config: LinkConfig) -> str:
-    if best is None:
-        return f"no polygons of the two layers lie within {config.max_reach:g} m of each other"
-    if best.chance > config.chance:
-        return (
-            "no shift and turn lays enough polygons of one layer on those of the other: "
-            f"at best {best.votes} of {best.polygons} around one place, which chance may do"
-        )
-    return (
-        f"two different shifts or turns fit about equally well ({best.votes} and {best.second} of {best.polygons} "
-        "polygons around one place): the polygons repeat"
-    )
 
 
 def _seeds(
@@ -106,23 +101,37 @@ def _vote(left: Shapes, right: Shapes, rows: Rows, tree: cKDTree, reach: float, 
     bins = int(np.ceil(reach / config.tolerance))
     step = float(np.degrees(config.tolerance / max(radius, config.tolerance)))
     turns = step * np.arange(-np.ceil(config.max_turn / step), np.ceil(config.max_turn / step) + 1)
-    tables = [_table(here @ rotation(turn).T, there, config.tolerance, bins) for turn in turns]
-    at = [int(table.argmax()) for table in tables]
-    top = [int(table.flat[k]) for table, k in zip(tables, at, strict=True)]
+    tops = [_top(_table(here @ rotation(turn).T, there, config.tolerance, bins)) for turn in turns]
     # of several turns with as many votes, the smallest
-    t = min(range(len(turns)), key=lambda t: (-top[t], abs(turns[t]), turns[t]))
-    votes, bin_of = top[t], np.unravel_index(at[t], tables[t].shape)
-    second = 0
-    for other, table in enumerate(tables):
-        if abs(other - t) <= 2 * BESIDE:
-            y, x = (slice(max(0, int(v) - BESIDE), int(v) + BESIDE + 1) for v in bin_of)
-            table = table.copy()
-            table[y, x] = 0
-        second = max(second, int(table.max()))
-    expected = float(np.mean([table.mean() for table in tables]))
-    chance = min(1.0, float(poisson.sf(votes - 1, expected)) * sum(table.size for table in tables))
-    shift = (np.array([bin_of[1], bin_of[0]], np.float64) + 1 - bins) * config.tolerance
-    return Vote(Similarity(center, shift, float(turns[t])), radius, votes, len(np.unique(i)), expected, chance, second)
+    t = min(range(len(turns)), key=lambda t: (-tops[t].votes, abs(turns[t]), turns[t]))
+    best, second = tops[t], 0
+    for other, top in enumerate(tops):
+        same = abs(other - t) <= 2 * BESIDE and np.abs(np.subtract(top.bin, best.bin)).max() <= BESIDE
+        second = max(second, top.second if same else top.votes)
+    chance = min(1.0, float(poisson.sf(best.votes - 1, best.expected)) * len(turns) * (2 * bins - 1) ** 2)
+    shift = (np.array([best.bin[1], best.bin[0]], np.float64) + 1 - bins) * config.tolerance
+    similarity = Similarity(center, shift, float(turns[t]))
+    return Vote(similarity, radius, best.votes, len(np.unique(i)), chance, second)
+
+
+@dataclass(frozen=True)
+class _Top:
+    """The shift with the most votes at one turn."""
+
+    votes: int
+    bin: tuple[int, int]
+    second: int  # most votes for another shift
+    expected: float  # votes for a shift by chance: the mean of those around
+
+
+def _top(table: NDArray[np.int64]) -> _Top:
+    y, x = divmod(int(table.argmax()), table.shape[1])
+    votes = int(table[y, x])
+    around = table[max(0, y - AROUND) : y + AROUND + 1, max(0, x - AROUND) : x + AROUND + 1]
+    own = table[max(0, y - BESIDE) : y + BESIDE + 1, max(0, x - BESIDE) : x + BESIDE + 1]
+    expected = float((around.sum() - own.sum()) / max(around.size - own.size, 1))
+    own[:] = 0
+    return _Top(votes, (y, x), int(table.max()), expected)
 
 
 def _pairs(
