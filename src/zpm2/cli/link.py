@@ -29,9 +29,9 @@ def link(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say which polygon of one layer is which of another, by shape and neighbourhood only.
+    """Link the polygons of two layers without photographs.
 
-    The layers may be shifted and turned against each other. Writes links.json, the left layer in its own format with
+    Says which polygon of one layer is which of the other by shape and neighbourhood only. The layers may be shifted and turned against each other. Writes links.json, the left layer in its own format with
     partners, confidences and shifts (regions.*), and a line for each shift (shifts.geojson).
     """
     from zpm2 import linking
