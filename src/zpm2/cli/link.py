@@ -31,8 +31,9 @@ def link(
 ) -> None:
     """Link the polygons of two layers without photographs.
 
-    Says which polygon of one layer is which of the other by shape and neighbourhood only. The layers may be shifted and turned against each other. Writes links.json, the left layer in its own format with
-    partners, confidences and shifts (regions.*), and a line for each shift (shifts.geojson).
+    Says which polygon of one layer is which of the other, by shape and neighbourhood only. The layers may be shifted
+    and turned against each other. Writes links.json, the left layer in its own format with partners, confidences and
+    shifts (regions.*), and a line for each shift (shifts.geojson).
     """
     from zpm2 import linking
     from zpm2.formats.regions.region import split_layer
