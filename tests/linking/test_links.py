@@ -102,3 +102,11 @@ def test_the_assignment_is_the_best_of_all():
     found = link_polygons(left, right, fit, config)
     total = sum(odds[i, j] for i, j in zip(found.left.tolist(), found.right.tolist(), strict=True))
     assert total == pytest.approx(best(0, frozenset(range(5))))
+
+
+def test_rings_that_cross_have_an_area_in_common():
+    cross = np.array([shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])], object)
+    box = np.array([shapely.box(0, 0, 4, 1)], object)
+    with pytest.raises(shapely.errors.GEOSException):
+        shapely.intersection(cross, box)
+    assert linking._common(cross, box) == pytest.approx([1.0])

@@ -49,7 +49,7 @@ class LinkConfig:
         source="1/16 by chance, 0.6 on roof prints",
     )
     local_pairs: int = number(
-        12, "pairs around a polygon whose median residual moves it", low=1, high=1000, source=ROOFS
+        20, "pairs around a polygon whose median residual moves it", low=1, high=1000, source=ROOFS
     )
     local_radius: float = number(
         200.0, "within which they lie", unit="m", above=True, high=1e5, source="slow variation only"
@@ -73,8 +73,14 @@ class LinkConfig:
         above=True,
         source="polygons of a layer hardly overlap",
     )
-    prior: float = share(0.5, "of the polygons of the common ground that have a partner", above=True, source="half")
-    min_confidence: float = share(0.5, "odds over even from which on polygons are linked", source="as likely as not")
+    prior: float = share(0.75, "of the polygons of the common ground that have a partner", above=True, source=ROOFS)
+    min_confidence: float = share(
+        0.5,
+        "probability of a pair, against neither having a partner, above which it may be a link",
+        high=0.999,
+        above=True,
+        source="as likely as not",
+    )
     part: float = share(0.7, "of a polygon inside another one, from which on it is a part of it", source="a majority")
     parts: float = share(0.5, "of a polygon that its parts cover, from which on they are its parts", source="half")
     outside: float = number(

@@ -36,7 +36,10 @@ class Fit:
 def first_fit(left: Shapes, right: Shapes, config: LinkConfig) -> Fit | Failed:
     """The fit from the first vote that counts and holds for all polygons; `Failed` with the reason of the best vote
     where there is none."""
-    best, reason = 0.0, f"no polygons of the two layers lie within {config.max_reach:g} m of each other"
+    best, reason = (
+        0.0,
+        f"no polygons of about one area lie within {config.max_reach:g} m of each other in the two layers",
+    )
     for vote in votes(left, right, config):
         doubt = vote.doubt(config)
         if doubt is None:

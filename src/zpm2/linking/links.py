@@ -92,14 +92,22 @@ def _same_shape(moved: NDArray[np.object_], places: Array, right: Shapes, rows: 
     off = right.centers[rows] - places
     of_shape = np.repeat(np.arange(len(moved)), shapely.get_num_coordinates(moved))
     laid = shapely.set_coordinates(moved.copy(), shapely.get_coordinates(moved) + off[of_shape])
-    common = shapely.area(shapely.intersection(laid, right.shapes[rows]))
+    common = _common(laid, right.shapes[rows])
     return np.asarray(common / (shapely.area(laid) + right.areas[rows] - common))
+
+
+def _common(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
+    """(c,) m^2 that both polygons of a pair cover."""
+    try:
+        return np.asarray(shapely.area(shapely.intersection(first, second)))
+    except shapely.errors.GEOSException:  # moving rounds coordinates, so that rings of a few may cross
+        return np.asarray(shapely.area(shapely.intersection(shapely.make_valid(first), shapely.make_valid(second))))
 
 
 def _overlap(moved: NDArray[np.object_], right: NDArray[np.object_]) -> Array:
     """(c,) 0..1 of the smaller polygon of each pair inside the other one."""
     smaller = np.minimum(shapely.area(moved), shapely.area(right))
-    return np.asarray(shapely.area(shapely.intersection(moved, right)) / np.maximum(smaller, 1e-12))
+    return np.asarray(_common(moved, right) / np.maximum(smaller, 1e-12))
 
 
 def _log_odds(
@@ -132,7 +140,7 @@ def _confidence(pairs: Candidates, odds: Array) -> Array:
 def _parts(moved: NDArray[np.object_], right: Shapes, config: LinkConfig) -> tuple[dict[int, Rows], dict[int, Rows]]:
     """Left row -> the right polygons that lie in it, and right row -> the left polygons that do."""
     i, j = shapely.STRtree(right.shapes).query(moved, predicate="intersects")
-    common = shapely.area(shapely.intersection(moved[i], right.shapes[j]))
+    common = _common(moved[i], right.shapes[j])
     areas = np.asarray(shapely.area(moved)), right.areas
     in_left = common >= config.part * areas[1][j]
     in_right = common >= config.part * areas[0][i]
