@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from towns import houses, moved, shapes
 
+from zpm2 import memory
 from zpm2.config import LinkConfig
-from zpm2.errors import Failed
+from zpm2.errors import Failed, InputError
 from zpm2.linking.fit import first_fit, nearest_pairs
 from zpm2.linking.similarity import Similarity, fitted, rotation
 from zpm2.linking.vote import _table
@@ -82,6 +83,12 @@ def test_layers_far_apart_and_of_a_single_house_fail():
     far = first_fit(shapes(left), shapes(left + 1e5), CONFIG)
     assert "within 2000 m" in str(far)
     assert isinstance(first_fit(shapes(left[:1]), shapes(left[:1]), CONFIG), Failed)
+
+
+def test_a_table_of_votes_that_does_not_fit_into_memory_is_refused():
+    left = shapes(houses(20))
+    with memory.within("1MB"), pytest.raises(InputError, match=r"larger link\.tolerance"):
+        first_fit(left, left, LinkConfig(tolerance=0.01))
 
 
 def test_votes_are_those_of_a_readable_count():

@@ -38,9 +38,8 @@ class Links:
     distance: Array  # m, between the left centre's place and the right centre
     same_shape: Array  # 0..1, IoU with the centres laid on each other
     unmatched: tuple[Mapping[int, str], Mapping[int, str]]  # left and right: row -> reason
-    parts: tuple[
-        Mapping[int, Sequence[int]], Mapping[int, Sequence[int]]
-    ]  # left row -> its right parts; right row -> ...
+    # left row -> the right polygons that it is divided into, and right row -> left polygons
+    parts: tuple[Mapping[int, Sequence[int]], Mapping[int, Sequence[int]]]
 
 
 def link_polygons(left: Shapes, right: Shapes, fit: Fit, config: LinkConfig) -> Links:

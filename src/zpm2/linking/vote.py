@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import poisson
 
+from zpm2 import memory
 from zpm2.config import LinkConfig
 from zpm2.linking.layer import Shapes
 from zpm2.linking.similarity import Similarity, rotation
@@ -22,6 +23,7 @@ Rows = NDArray[np.int64]
 STEP = 5.0  # by which the reach grows
 BESIDE = 2  # bins of shift, and twice as many of turn, within which a vote is part of the best one
 AROUND = 10  # bins of shift that tell how many votes chance gives
+BYTES_PER_BIN = 32  # of memory, of a table of votes
 FEWEST = 3  # polygons that can vote: two agree on any turn
 
 
@@ -99,6 +101,11 @@ def _vote(left: Shapes, right: Shapes, rows: Rows, tree: cKDTree, reach: float, 
         return None
     there, here = right.centers[j] - center, left.centers[i] - center
     bins = int(np.ceil(reach / config.tolerance))
+    memory.refuse_above(
+        BYTES_PER_BIN * (2.0 * bins) ** 2,
+        f"the vote for a shift of up to {reach:g} m",
+        "give a larger link.tolerance or a smaller link.max_reach",
+    )
     step = float(np.degrees(config.tolerance / max(radius, config.tolerance)))
     turns = step * np.arange(-np.ceil(config.max_turn / step), np.ceil(config.max_turn / step) + 1)
     tops = [_top(_table(here @ rotation(turn).T, there, config.tolerance, bins)) for turn in turns]
@@ -125,6 +132,7 @@ class _Top:
 
 
 def _top(table: NDArray[np.int64]) -> _Top:
+    """The best bin of a table of votes, which is cleared around it."""
     y, x = divmod(int(table.argmax()), table.shape[1])
     votes = int(table[y, x])
     around = table[max(0, y - AROUND) : y + AROUND + 1, max(0, x - AROUND) : x + AROUND + 1]
