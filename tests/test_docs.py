@@ -64,6 +64,8 @@ def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest
     (tmp_path / "theirs" / "demo.json").write_text(json.dumps(theirs))
     for name, side in (("epoch1", "left"), ("epoch2", "right")):
         georeferenced(tmp_path / f"{name}.tif", np.asarray(PIL.Image.open(getattr(pair, side))))
+    for year, turn in (("2019", 0.0), ("2024", 0.05)):
+        layer(tmp_path / f"houses_{year}.geojson", turn)
     shutil.copytree(photographs, tmp_path / "photos")
     monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
@@ -85,6 +87,21 @@ def georeferenced(path: Path, pixels: np.ndarray) -> None:
     place = rasterio.transform.from_origin(500000, 5000000, 0.25, 0.25)
     with rasterio.open(path, "w", crs="EPSG:32633", transform=place, **profile) as file:
         file.write(pixels.transpose(2, 0, 1))
+
+
+def layer(path: Path, turn: float) -> None:
+    """Houses on the ground, turned by some radians."""
+    rng = np.random.default_rng(0)
+    centers, half = 20.0 * rng.permutation(np.indices((8, 8)).reshape(2, -1).T)[:40], rng.uniform(3, 8, (40, 1, 2))
+    corners = centers[:, None] + rng.uniform(-3, 3, (40, 1, 2)) + half * [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+    cosine, sine = np.cos(turn), np.sin(turn)
+    rings = (corners @ [[cosine, sine], [-sine, cosine]] + [500_000, 5_000_000]).tolist()
+    features = [
+        {"type": "Feature", "id": k, "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for k, ring in enumerate(rings)
+    ]
+    crs = {"type": "name", "properties": {"name": "EPSG:32633"}}
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": features}))
 
 
 @pytest.fixture(scope="session")

@@ -30,6 +30,7 @@ PATHS: dict[str, Callable[[str, Path], list[object]]] = {
     "matches of a cloud": lambda path, base: ["cloud", *_two(base), *STEREO, "--matches", path],
     "photographs": lambda path, base: ["reconstruct", path, base / "b.png"],
     "known cameras": lambda path, base: ["reconstruct", base / "workspace", "--cameras", path],
+    "layers": lambda path, base: ["link", path, path],
     "root": lambda path, base: ["eval", "pairs", "--root", path],
     "results": lambda path, base: ["eval", "isprs", "--root", base / "workspace", "--results", "areas", path],
     "kept regions": lambda path, base: ["eval", "isprs", "--root", base / "workspace", "--regions", path],

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from zpm2.api import Matcher, match
     from zpm2.config import Config, preset
     from zpm2.errors import Failed, Zpm2Error
+    from zpm2.linking import LinkResult, link
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.result import MatchResult
 
@@ -23,12 +24,14 @@ if TYPE_CHECKING:
 __all__ = [
     "Config",
     "Failed",
+    "LinkResult",
     "MatchResult",
     "Matcher",
     "Polygon",
     "PolygonMatch",
     "Zpm2Error",
     "__version__",
+    "link",
     "match",
     "preset",
 ]
@@ -36,11 +39,13 @@ __all__ = [
 _HOME = {
     "Config": "zpm2.config",
     "Failed": "zpm2.errors",
+    "LinkResult": "zpm2.linking",
     "MatchResult": "zpm2.result",
     "Polygon": "zpm2.model",
     "PolygonMatch": "zpm2.model",
     "Matcher": "zpm2.api",
     "Zpm2Error": "zpm2.errors",
+    "link": "zpm2.linking",
     "match": "zpm2.api",
     "preset": "zpm2.config",
 }

@@ -66,6 +66,21 @@ def test_several_photographs_and_the_rigid_way(demo, tmp_path, monkeypatch):
     assert np.mean(given == same) > 0.97  # in the photograph itself nothing moves
 
 
+def test_masks_for_other_programs(demo, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    words = demo / "left.png", demo / "right.png", "--regions", demo / "left_labels.png", "-o", out, "--rigid"
+    options = "--masks", "colmap", "--masks", "openmvs", "--mask-regions", "remove"
+    assert carry(monkeypatch, *words, *options, "--quiet") == 0
+    given = labels(demo / "left_labels.png")
+    assert np.mean((labels(out / "masks" / "colmap" / "left.png.png") == 0) == (given > 0)) > 0.99
+    right = labels(out / "masks" / "openmvs" / "right.mask.png")
+    assert ((right == 0) == (labels(out / "right" / "regions.png") > 0)).mean() > 0.99
+    assert carry(monkeypatch, *words, "--masks", "metashape") == 2
+    assert "there are: colmap, openmvs, nerfstudio" in capsys.readouterr().err
+    assert carry(monkeypatch, *words, "--masks", "colmap", "--mask-regions", "hide") == 2
+    assert "give keep or remove" in capsys.readouterr().err
+
+
 def test_a_second_run_replaces_its_own_files_only(demo, tmp_path, monkeypatch):
     out = tmp_path / "out"
     words = demo / "left.png", demo / "right.png", "--regions", demo / "left_labels.png", "-o", out, "--rigid"

@@ -101,6 +101,27 @@ def test_own_output_serves_as_regions(run: Run, pair: Pair, saved: Path, tmp_pat
     assert [(m["left"], m["right"]) for m in again["matches"]] == [(m["left"], m["right"]) for m in before["matches"]]
 
 
+def test_masks_show_the_matched_regions(run: Run, pair: Pair, tmp_path: Path) -> None:
+    common = ["match", pair.left, pair.right, "-o", tmp_path / "out", *pair.regions, "--quiet"]
+    (tmp_path / "out" / "masks").mkdir(parents=True)
+    (tmp_path / "out" / "masks" / "mine.txt").write_text("mine")
+    assert run(*common).code == 0  # a folder of that name is only in the way where masks are asked for
+    assert run(*common, "--masks", "colmap").code == 2
+    (tmp_path / "out" / "masks" / "mine.txt").unlink()
+    code, _, err = run(*common, "--masks", "colmap", "--masks", "nerfstudio")
+    assert code == 0
+    assert "warning: there is no transforms.json" in err
+    result = zpm2.MatchResult.load(tmp_path / "out")
+    for side, polygons in zip(("left", "right"), result.matched_polygons(), strict=True):
+        inside = np.zeros((240, 400), bool)
+        for polygon in polygons:
+            mask = rasterize(polygon.shape)
+            rows, columns = mask.bits.shape
+            inside[mask.y0 : mask.y0 + rows, mask.x0 : mask.x0 + columns] |= mask.bits
+        for name in (f"colmap/{side}.png.png", f"nerfstudio/masks/{side}.png"):
+            assert ((np.asarray(PIL.Image.open(tmp_path / "out" / "masks" / name)) > 0) == inside).all()
+
+
 def test_non_overlapping_with_outlines(run: Run, pair: Pair, tmp_path: Path) -> None:
     """The regions of the right image are also enlarged, so that there is something to take apart."""
     with PIL.Image.open(pair.right_regions) as picture:

@@ -15,6 +15,8 @@ from zpm2.cli.options import (
     Bands,
     ConfigFile,
     Device,
+    MaskRegions,
+    Masks,
     MaxMemory,
     Out,
     Preset,
@@ -23,12 +25,14 @@ from zpm2.cli.options import (
     Settings,
     WeightsDir,
     allow_vrt,
+    check_masks,
     configure,
     one_of,
     point_matchers,
     registered_segmenters,
     use_weights,
 )
+from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.carry import CarryResult
@@ -46,6 +50,8 @@ def carry(
         ),
     ],
     out: Out = Path("zpm2-carry"),
+    masks: Masks = None,
+    mask_regions: MaskRegions = "keep",
     rigid: Annotated[
         bool,
         typer.Option(
@@ -84,12 +90,13 @@ def carry(
 
     For each right photograph a folder of its name gets the regions in the format they came in, with the same ids,
     labels and attributes, carry.json with status, confidence and reason of each, and overlay.png; of georeferenced
-    photographs also the shift of each region.
+    photographs also the shift of each region. With --masks, a folder masks has those of all photographs.
     """
     from zpm2 import api
     from zpm2.carry import opened_regions
     from zpm2.files.listing import distinct_stems
     from zpm2.files.record import make_folder
+    from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.formats.regions.region import split_layer
 
     config = configure(
@@ -107,8 +114,12 @@ def carry(
     allow_vrt(allowed)
     file = opened_regions(regions)
     folders = distinct_stems(rights)
+    alone = left.absolute() not in [right.absolute() for right in rights]
+    keep = check_masks(masks or [], mask_regions, [left, *rights] if alone else rights)
+    if masks and FOLDER in folders:
+        raise ConfigError(f"--masks needs the folder {FOLDER}, which is that of a right photograph: rename this one")
     with (
-        fresh_folder(out, left, *rights, split_layer(regions)[0], names=folders),
+        fresh_folder(out, left, *rights, split_layer(regions)[0], names=[*folders, *([FOLDER] if masks else [])]),
         bars(quiet or as_json) as (progress, say),
     ):
         matcher = api.Matcher(config, progress=progress, say=say)
@@ -117,12 +128,21 @@ def carry(
             result = matcher.carry(left, right, file, rigid=rigid)
             result.save(make_folder(out / folder))
             found.append((folder, result))
-    _report(found, out, quiet, as_json)
+        told = list[str]()
+        if masks:
+            given = found[0][1]
+            inside = [RegionMask(given.left, [shape for shape in given.shapes if shape is not None])] if alone else []
+            inside += [
+                RegionMask(each.right, [o.shape for o in each.outcomes if o.shape is not None]) for _, each in found
+            ]
+            told = write_masks(out / FOLDER, masks, inside, keep)
+    _report(found, out, quiet, as_json, told)
 
 
-def _report(found: "list[tuple[str, CarryResult]]", out: Path, quiet: bool, as_json: bool) -> None:
+def _report(found: "list[tuple[str, CarryResult]]", out: Path, quiet: bool, as_json: bool, told: list[str]) -> None:
     for _, result in found:
         warn(result.warnings)
+    warn(told)
     if as_json:
         summaries = [
             {
@@ -135,7 +155,7 @@ def _report(found: "list[tuple[str, CarryResult]]", out: Path, quiet: bool, as_j
             }
             for folder, result in found
         ]
-        print(json.dumps({"photographs": summaries, "out": str(out)}))
+        print(json.dumps({"photographs": summaries, "out": str(out), **({"masks": told} if told else {})}))
     elif not quiet:
         for folder, result in found:
             counts = ", ".join(f"{count} {status}" for status, count in result.counts().items())

@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
@@ -19,6 +20,8 @@ from zpm2.cli.options import (
     Bands,
     ConfigFile,
     Device,
+    MaskRegions,
+    Masks,
     MaxMemory,
     Method,
     NonOverlapping,
@@ -30,6 +33,7 @@ from zpm2.cli.options import (
     WeightsDir,
     allow_vrt,
     check_formats,
+    check_masks,
     choices,
     configure,
     known_formats,
@@ -66,6 +70,8 @@ def match(
             rich_help_panel=RESULT,
         ),
     ] = False,
+    masks: Masks = None,
+    mask_regions: MaskRegions = "keep",
     preset: Preset = "default",
     quality: Annotated[
         str | None,
@@ -149,21 +155,24 @@ def match(
     """Match the polygons of two photographs.
 
     Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; matches.gpkg for georeferenced
-    photographs; contact.png for large ones. If a run over large photographs was interrupted, start the same command
-    again: it continues where it stopped.
+    photographs; contact.png for large ones; with --masks, masks of the matched regions. If a run over large photographs
+    was interrupted, start the same command again: it continues where it stopped.
     """
     from zpm2 import api
     from zpm2.files.record import TILES, remove_own
+    from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.formats.regions.region import split_layer
     from zpm2.formats.saving import file_names
 
     config = configure(preset, config_file, settings, max_memory=max_memory)
     check_formats(formats or [])
+    keep = check_masks(masks or [], mask_regions, [left, right])
     use_weights(weights_dir)
     allow_vrt(allowed)
     regions = [path and split_layer(path)[0] for path in (left_regions, right_regions)]
     inputs = left, right, *regions
-    folder = fresh_folder(out, *inputs, names=file_names(formats or []), kept=TILES)
+    names = [*file_names(formats or []), *([FOLDER] if masks else [])]
+    folder = fresh_folder(out, *inputs, names=names, kept=TILES)
     with folder, bars(quiet or as_json) as (progress, say):
         result = api.match(
             left,
@@ -188,6 +197,11 @@ def match(
             progress=progress,
             say=say,
         )
+        if masks:
+            sides = zip((result.left, result.right), result.matched_polygons(), strict=True)
+            inside = [RegionMask(side, [polygon.shape for polygon in matched]) for side, matched in sides]
+            told = write_masks(out / FOLDER, masks, inside, keep)
+            result = replace(result, warnings=[*result.warnings, *told])
         result.save(out, formats or [])
         remove_own(out / TILES)
     report(result, out, quiet, as_json)

@@ -124,6 +124,23 @@ def known_formats() -> Iterable[str]:
     return registry.names()
 
 
+def mask_programs() -> Iterable[str]:
+    """The names of the programs that masks are written for."""
+    from zpm2.formats import masks
+
+    return masks.NAMES
+
+
+def check_masks(programs: Sequence[str], regions: str, photographs: Sequence[Path]) -> bool:
+    """Whether masks keep the regions. `ConfigError` for values that do not exist, and for photographs of one name."""
+    from zpm2.formats import masks
+
+    masks.check_names(programs, photographs)
+    if regions not in ("keep", "remove"):
+        raise ConfigError(f"--mask-regions {regions}: give keep or remove")
+    return regions == "keep"
+
+
 def check_formats(names: Iterable[str]) -> None:
     """`ConfigError` for a name that is not in `known_formats`, `MissingDependency` for a format without its library."""
     from zpm2.formats import registry
@@ -249,6 +266,24 @@ MaxMemory = Annotated[
 WeightsDir = Annotated[
     Path | None,
     typer.Option(help="Folder with your own copies of the weights, searched first.", rich_help_panel=RUN),
+]
+Masks = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--masks",
+        metavar="PROGRAM",
+        help="Also write masks of the photographs for colmap, openmvs or nerfstudio. Repeatable.",
+        rich_help_panel=RESULT,
+        autocompletion=one_of(mask_programs),
+    ),
+]
+MaskRegions = Annotated[
+    str,
+    typer.Option(
+        help="What the masks say of the regions: keep (all else is ignored) or remove (the regions are ignored).",
+        rich_help_panel=RESULT,
+        autocompletion=one_of(lambda: ("keep", "remove")),
+    ),
 ]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.", rich_help_panel=RUN)

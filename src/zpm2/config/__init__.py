@@ -7,6 +7,7 @@ A field is declared with its meaning, unit, range and source beside it (`fields`
 from zpm2.config.carry import CarryConfig
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.global_match import ChanceConfig, GlobalConfig
+from zpm2.config.link import LinkConfig
 from zpm2.config.load import OPTIONS, assign, load, recorded, with_options
 from zpm2.config.local_match import (
     ConfidenceConfig,
@@ -57,6 +58,7 @@ __all__ = [
     "GlobalConfig",
     "GuidedConfig",
     "HomographyConfig",
+    "LinkConfig",
     "LocalConfig",
     "MagsacConfig",
     "OutlineConfig",

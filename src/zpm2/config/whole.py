@@ -11,6 +11,7 @@ from zpm2.config.carry import CarryConfig
 from zpm2.config.cloud import CloudConfig
 from zpm2.config.fields import check, number, option, rule_of
 from zpm2.config.global_match import GlobalConfig
+from zpm2.config.link import LinkConfig
 from zpm2.config.local_match import GuidedConfig, LocalConfig
 from zpm2.config.parse import overlay
 from zpm2.config.photos import RasterConfig, TilesConfig
@@ -46,6 +47,7 @@ class Config:
     pose: PoseConfig = field(default_factory=PoseConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
     carry: CarryConfig = field(default_factory=CarryConfig)
+    link: LinkConfig = field(default_factory=LinkConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     seed: int = number(0, "of everything random")
     device: str = option("auto", "auto, cpu, cuda")

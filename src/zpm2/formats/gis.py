@@ -330,7 +330,7 @@ def _full_disk_named(folder: Path, body: NDArray[np.object_] | None, rows: int) 
     try:
         yield
     except RuntimeError as error:
-        room = 2**20 + 300 * rows + 2 * sum(map(len, [] if body is None else body))
+        room = 2**20 + 300 * rows + 2 * sum(len(each) for each in (() if body is None else body) if each is not None)
         if "No space left" in str(error) or shutil.disk_usage(folder).free < room:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
         raise
