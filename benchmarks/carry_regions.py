@@ -5,7 +5,7 @@
 `DATA/pairs.json` lists the pairs; those with dense truth count. EVALUATION is the folder of an earlier `zpm2 eval` of
 them: its left polygons are carried, by its points. IoU is over the points that both photographs see. Beside the carried
 outline stand the place by points alone (no segmenter) and the segmenter asked by the box of that place alone. Prints
-one JSON document (schema zpm2-bench-carry/1): a row a pair, a row a size, and how often a region that the right
+one JSON document (schema zpm2-bench-carry/1): a row a pair, a row a kind of pair, a row a size, and how often a region that the right
 photograph does not show was claimed to be there.
 """
 
@@ -147,12 +147,20 @@ def main() -> None:
         if options.rows:
             options.rows.write_text(json.dumps(rows))
     edges = [0.0, *SIZES, np.inf]
+    kinds = [
+        summary(f"all of {kind}", [row for row in rows if row["pair"].split("/")[0] == kind])
+        for kind in dict.fromkeys(row["pair"].split("/")[0] for row in rows)
+    ]
     sizes = [
         summary(f"{low:g} to {high:g} px^2", [row for row in rows if low <= row["area"] < high])
         for low, high in itertools.pairwise(edges)
     ]
     seconds = round(float(np.mean([row["seconds"] for row in rows])), 3)
-    print(document.text("zpm2-bench-carry/1", rows=[summary("all", rows), *pairs, *sizes], seconds_a_region=seconds))
+    print(
+        document.text(
+            "zpm2-bench-carry/1", rows=[summary("all", rows), *pairs, *kinds, *sizes], seconds_a_region=seconds
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,8 @@ def answers(*boxes):
         logits[k, y0:y1, x0:x1] = 8
     ones = np.ones(len(boxes), np.float32)
     masks = MaskPredictions(np.zeros(len(boxes), np.int64), ones, ones, logits)
-    return Answers(masks, np.array([box[4] for box in boxes], float))
+    agreement = np.array([box[4] for box in boxes], float)
+    return Answers(masks, agreement, agreement, np.zeros(len(boxes), bool))
 
 
 A, B = (4, 4, 20, 20), (40, 40, 60, 60)
@@ -46,7 +47,7 @@ def test_answers_below_the_limit_do_not_count():
 
 
 def test_no_answers():
-    nothing = Answers(MaskPredictions.none((64, 64)), np.zeros(0))
+    nothing = Answers.none((64, 64))
     assert [c.row for c in contest.decide([nothing, nothing], CONFIG)] == [None, None]
     assert contest.decide([], CONFIG) == []
 
