@@ -5,8 +5,8 @@
 `DATA/pairs.json` lists the pairs; those with dense truth count. EVALUATION is the folder of an earlier `zpm2 eval` of
 them: its left polygons are carried, by its points. IoU is over the points that both photographs see. Beside the carried
 outline stand the place by points alone (no segmenter) and the segmenter asked by the box of that place alone. Prints
-one JSON document (schema zpm2-bench-carry/1): a row a pair, a row a kind of pair, a row a size, and how often a region that the right
-photograph does not show was claimed to be there.
+one JSON document (schema zpm2-bench-carry/1): a row a pair, a kind of pair and a size, and how often a region that the
+right photograph does not show was claimed to be there.
 """
 
 import argparse
