@@ -28,17 +28,18 @@ class Expectation:
 
     place: Bits  # (h, w) where the points put it
     trust: float  # 0..1 in that
-    exact: float  # 0..1, how far the region's own outline, moved there, is right; 0: it takes no part
+    exact: float  # 0..1, IoU that is expected of the region's own outline, moved there; 0: it takes no part
     like: NDArray[np.float32]  # (h, w) 0..1, how much it looks like the region
     weight: float  # 0..1 in that
 
     def by_place(self, bits: Bits, edge: float) -> Array:
-        """(n,) 0..1, how well masks (n, h, w) agree with the place: IoU, by the trust. The outline of a mask may be off
-        by `edge` px, which is much of a small one."""
+        """(n,) 0..1, how well masks (n, h, w) agree with the place: the square of IoU, by the trust, as one that covers
+        half of a place is more often another thing. The outline of a mask may be off by `edge` px, which is much of a
+        small one."""
         area = int(self.place.sum())
         both = np.count_nonzero(bits & self.place, axis=(1, 2))
         iou = both / np.maximum(np.count_nonzero(bits, axis=(1, 2)) + area - both, 1)
-        return np.asarray(self.trust * iou * max(0.0, 1 - 4 * edge / max(area, 1) ** 0.5), np.float64)
+        return np.asarray(self.trust * (iou * max(0.0, 1 - 4 * edge / max(area, 1) ** 0.5)) ** 2, np.float64)
 
     def by_likeness(self, bits: Bits) -> Array:
         """(n,) 0..1, how well masks (n, h, w) cover what looks like the region, and nothing else: soft IoU, by the
@@ -113,7 +114,7 @@ def _ranked(view: PromptedView, found: list[MaskPredictions], expected: Expectat
         own, one = expected.place[None], np.ones(1, np.float32)
         outline = MaskPredictions(np.zeros(1, np.int64), one, one, np.where(own, 1, -1).astype(np.float16))
         masks, moved = MaskPredictions.join([masks, outline]), np.append(moved, True)
-        by_place = np.append(by_place, expected.trust * expected.exact)
+        by_place = np.append(by_place, expected.trust * expected.exact**2)
         by_likeness = np.append(by_likeness, expected.by_likeness(own))
     agreement = 1 - (1 - by_place) * (1 - by_likeness)
     order = np.argsort(-agreement, kind="stable")[: config.kept]

@@ -11,6 +11,7 @@ from zpm2.local_match.texture import TexturePatches, correlation
 from zpm2.model import Image
 
 Array = NDArray[np.float64]
+FLAT = 1e-12  # determinant of a map that brings a region onto a line or a point
 
 
 def resemblance(images: tuple[Image, Image], found: Places, initial: InitialGeometry, config: Config) -> Array:
@@ -29,14 +30,16 @@ def correlations(images: tuple[Image, Image], found: Places, config: Config) -> 
     """(n,) 0..1, the correlation of both photographs inside each place; NaN without texture or place. What correlates
     negatively has 0."""
     settings, n = config.local_match, len(found.shapes)
-    to_image = np.linalg.inv(found.maps).astype(np.float64), np.tile(np.eye(3), (n, 1, 1))
+    known = np.abs(np.linalg.det(found.maps)) > FLAT
+    back: Array = np.linalg.inv(np.where(known[:, None, None], found.maps, np.eye(3))).astype(np.float64)
+    to_image = back, np.tile(np.eye(3), (n, 1, 1))
     left, right = (
         TexturePatches(image, found.shapes, maps, settings.patch, settings.max_halvings)
         for image, maps in zip(images, to_image, strict=True)
     )
     rows = np.arange(n)
     value = correlation((left, right), Candidates(rows, rows), config.carry.min_contrast)
-    return np.where(value == 0, np.nan, np.maximum(value, 0.0))
+    return np.where(known & (value != 0), np.maximum(value, 0.0), np.nan)
 
 
 def trusted(found: Places, resembles: Array, config: CarryConfig) -> Array:

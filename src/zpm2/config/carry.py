@@ -63,9 +63,9 @@ class CarryConfig:
         0.25, "of a decoded mask, by which its outline may be off", unit="px", high=2.0, source=CARRY
     )
     min_likeness: float = share(0.2, "of the most alike cell, from which on it is asked there", source=CARRY)
-    sure: float = share(0.7, "agreement of an answer with the place, from which on no other is tried", source=CARRY)
+    sure: float = share(0.6, "agreement of an answer with the place, from which on no other is tried", source=CARRY)
     kept: int = number(4, "answers of a region that take part in the contest", low=1, high=100, source="time grows")
-    min_agreement: float = share(0.1, "of an answer with what is expected, from which on it counts", source=CARRY)
+    min_agreement: float = share(0.05, "of an answer with what is expected, from which on it counts", source=CARRY)
     same_place: float = share(0.7, "IoU of two masks that are one place", source="as segment.nms_iou")
     max_shared: float = share(
         0.05, "of the smaller one of two given regions in common, up to which they are disjoint", source="a px or two"
