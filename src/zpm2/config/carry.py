@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from zpm2.config.fields import number, share
 
 CARRY = "tried on the pairs of docs/carry.md"
+FITTED = "fitted, docs/carry.md"
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,14 @@ class CarryConfig:
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
-    intercept: float = number(4.2, "subtracted in the confidence", unit="log-odds", high=100.0, source=CARRY)
+    intercept: float = number(
+        0.0, "subtracted in the confidence", unit="log-odds", low=-100.0, high=100.0, source=FITTED
+    )
     by_agreement: float = number(
-        7.0, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=CARRY
+        2.6, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_trust: float = number(
-        1.2, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=CARRY
+        1.8, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     window: int = number(
         1024, "side of the windows of large photographs", unit="px", low=256, high=16384, source="SAM sees 1024 px"
