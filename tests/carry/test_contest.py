@@ -22,39 +22,52 @@ def answers(*boxes):
     return Answers(masks, agreement, agreement, np.zeros(len(boxes), bool))
 
 
+def decided(answered, given=None):
+    """The choices of regions that lie apart on the left, or as `given`."""
+    apart = [shapely.box(10 * k, 0, 10 * k + 5, 5) for k in range(len(answered))]
+    return contest.decide(answered, np.array(given or apart, object), CONFIG)
+
+
 A, B = (4, 4, 20, 20), (40, 40, 60, 60)
 
 
 def test_the_sum_of_agreements_decides_and_not_the_order():
     first = answers((*A, 0.8), (*B, 0.75))
     second = answers((*A, 0.7))
-    choices = contest.decide([first, second], CONFIG)
+    choices = decided([first, second])
     assert [choice.row for choice in choices] == [1, 0]  # 0.75 + 0.7 is more than 0.8 alone
     assert choices[0].lost == 1
     assert choices[0].others == (0,)
 
 
 def test_the_loser_of_its_only_place_learns_to_whom():
-    choices = contest.decide([answers((*A, 0.8)), answers((*A, 0.6))], CONFIG)
+    choices = decided([answers((*A, 0.8)), answers((*A, 0.6))])
     assert [choice.row for choice in choices] == [0, None]
     assert choices[1].lost == 0
 
 
+def test_regions_that_are_one_place_on_the_left_share_it_on_the_right():
+    given = [shapely.box(0, 0, 10, 10), shapely.box(0, 0, 10, 9), shapely.box(0, 0, 10, 4)]
+    choices = decided([answers((*A, 0.8)), answers((*A, 0.7), (*B, 0.2)), answers((*A, 0.6))], given)
+    assert [choice.row for choice in choices] == [0, 0, None]
+    assert [choice.lost for choice in choices] == [None, None, 0]
+
+
 def test_answers_below_the_limit_do_not_count():
-    (choice,) = contest.decide([answers((*A, CONFIG.min_agreement - 0.01))], CONFIG)
+    (choice,) = decided([answers((*A, CONFIG.min_agreement - 0.01))])
     assert choice.row is None
     assert choice.others == ()
 
 
 def test_no_answers():
     nothing = Answers.none((64, 64))
-    assert [c.row for c in contest.decide([nothing, nothing], CONFIG)] == [None, None]
-    assert contest.decide([], CONFIG) == []
+    assert [c.row for c in decided([nothing, nothing])] == [None, None]
+    assert decided([]) == []
 
 
 def test_masks_that_overlap_are_one_place():
     shifted = (5, 4, 21, 20)
-    choices = contest.decide([answers((*A, 0.8)), answers((*shifted, 0.7), (*B, 0.4))], CONFIG)
+    choices = decided([answers((*A, 0.8)), answers((*shifted, 0.7), (*B, 0.4))])
     assert [choice.row for choice in choices] == [0, 1]
 
 

@@ -11,6 +11,7 @@ from zpm2.carry.asking import Answers
 from zpm2.config import CarryConfig
 from zpm2.global_match import Candidates
 from zpm2.local_match.assignment import assign_optimal
+from zpm2.polygons.overlap import iou
 from zpm2.segment.suppression import boxes, leaders, pack
 
 Array = NDArray[np.float64]
@@ -25,10 +26,12 @@ class Choice:
     lost: int | None  # the region that took its best place, where there is one
 
 
-def decide(answers: Sequence[Answers], config: CarryConfig) -> list[Choice]:
-    """The answer of each region, so that the sum of agreements is the largest and no place is taken twice.
+def decide(answers: Sequence[Answers], given: NDArray[np.object_], config: CarryConfig) -> list[Choice]:
+    """The answer of each of the (n,) `given` regions, left px: the sum of agreements is the largest, and no place
+    is taken twice.
 
-    Masks that overlap by `config.same_place` (IoU) are one place, whoever asked for them.
+    Masks that overlap by `config.same_place` (IoU) are one place, whoever asked for them. Regions that overlap as much
+    on the left are one place there, and share their place on the right.
     """
     region = np.repeat(np.arange(len(answers)), [len(each.agreement) for each in answers])
     row = np.concatenate([np.arange(len(each.agreement)) for each in answers] or [np.zeros(0, np.intp)])
@@ -53,9 +56,11 @@ def decide(answers: Sequence[Answers], config: CarryConfig) -> list[Choice]:
         mine = np.flatnonzero(region == k)
         mine = mine[np.argsort(-agreement[mine], kind="stable")]
         own = mine[np.isin(mine, chosen)]
-        elsewhere = tuple(int(row[m]) for m in mine if m not in own)
         taken_by = int(winner[place[mine[0]]]) if len(mine) else -1
         lost = taken_by if taken_by not in (-1, k) else None
+        if lost is not None and iou(given[[k]], given[[lost]])[0] >= config.same_place:
+            own, lost = mine[:1], None
+        elsewhere = tuple(int(row[m]) for m in mine if m not in own)
         found.append(Choice(int(row[own[0]]) if len(own) else None, elsewhere, lost))
     return found
 

@@ -67,7 +67,7 @@ def carry(
         for k, each in zip(rows, ask(view, expected, config.carry), strict=True):
             answers[k] = each
         progress((start + len(rows)) / len(asked))
-    choices = contest.decide(answers, config.carry)
+    choices = contest.decide(answers, shapes, config.carry)
     got = {k: choice.row for k, choice in enumerate(choices) if choice.row is not None}
     elsewhere = [k for k, row in got.items() if 2 * answers[k].by_place[row] < answers[k].agreement[row]]
     trust = np.maximum(trust, found.trust)  # something may be in front of it
