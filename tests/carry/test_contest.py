@@ -29,6 +29,7 @@ def decided(answered, given=None):
 
 
 A, B = (4, 4, 20, 20), (40, 40, 60, 60)
+NOWHERE = np.array([shapely.Polygon()] * 2, object)
 
 
 def test_the_sum_of_agreements_decides_and_not_the_order():
@@ -73,5 +74,13 @@ def test_masks_that_overlap_are_one_place():
 
 def test_regions_that_overlapped_may_overlap():
     given = np.array([shapely.box(0, 0, 10, 10), shapely.box(2, 2, 8, 8)], object)
-    found = contest.disjoint(given, given, np.array([0.5, 0.9]), CONFIG)
+    found = contest.disjoint(given, given, NOWHERE, np.array([0.5, 0.9]), CONFIG)
     assert [shape.area for shape in found] == [100, 36]
+
+
+def test_what_is_contested_goes_to_the_region_whose_place_it_is_in():
+    given = np.array([shapely.box(0, 0, 10, 10), shapely.box(10, 0, 20, 10)], object)
+    wide = np.array([shapely.box(0, 0, 18, 10), shapely.box(8, 0, 20, 10)], object)
+    for agreement in ([0.9, 0.5], [0.5, 0.9]):
+        found = contest.disjoint(wide, given, given, np.array(agreement), CONFIG)
+        assert [shape.bounds for shape in found] == [(0, 0, 10, 10), (10, 0, 20, 10)]

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from zpm2.carry.asking import Answers
 from zpm2.config import CarryConfig
+from zpm2.formats.regions.outlines import joined
+from zpm2.formats.regions.region import Shape
 from zpm2.global_match import Candidates
 from zpm2.local_match.assignment import assign_optimal
 from zpm2.polygons.overlap import iou
+from zpm2.polygons.repair import polygons_in
 from zpm2.segment.suppression import boxes, leaders, pack
 
 Array = NDArray[np.float64]
@@ -66,11 +69,16 @@ def decide(answers: Sequence[Answers], given: NDArray[np.object_], config: Carry
 
 
 def disjoint(
-    shapes: NDArray[np.object_], given: NDArray[np.object_], agreement: Array, config: CarryConfig
+    shapes: NDArray[np.object_],
+    given: NDArray[np.object_],
+    places: NDArray[np.object_],
+    agreement: Array,
+    config: CarryConfig,
 ) -> NDArray[np.object_]:
     """(n,) the found shapes, right px, without what two of them share although the `given` ones, left px, did not.
 
-    What is contested goes to the region with the higher `agreement` (n,).
+    What is contested goes to the region whose place (n,), right px or empty, it is in, and what is in none or in both
+    to the one with the higher `agreement` (n,).
     """
     found = shapes.copy()
     i, j = shapely.STRtree(found).query(found, predicate="intersects")
@@ -78,8 +86,14 @@ def disjoint(
     common = shapely.area(shapely.intersection(given[pairs[:, 0]], given[pairs[:, 1]]))
     smaller = np.minimum(shapely.area(given[pairs[:, 0]]), shapely.area(given[pairs[:, 1]]))
     for a, b in pairs[common <= config.max_shared * smaller].tolist():
-        keeps, gives = (a, b) if agreement[a] >= agreement[b] else (b, a)
-        rest = found[gives].difference(found[keeps])
-        parts = [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon" and part.area > 0]
-        found[gives] = shapely.union_all(parts) if parts else shapely.Polygon()
+        first, second = (a, b) if agreement[a] >= agreement[b] else (b, a)
+        contested = found[first].intersection(found[second])
+        of_second = contested.intersection(places[second].difference(places[first]))
+        found[first] = _areas(found[first].difference(of_second))
+        found[second] = _areas(found[second].difference(contested.difference(of_second)))
     return found
+
+
+def _areas(shape: shapely.Geometry) -> Shape:
+    """The polygons of a shape, without lines and points."""
+    return joined(polygons_in(shape)) or shapely.Polygon()

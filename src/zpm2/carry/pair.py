@@ -81,7 +81,9 @@ def carry(
     }
     drawn = [k for k, each in outlines.items() if each is not None]
     agreement = np.array([answers[k].agreement[got[k]] for k in drawn])
-    apart = contest.disjoint(np.array([outlines[k] for k in drawn], object), shapes[drawn], agreement, config.carry)
+    known = np.where(found.trust >= config.carry.min_trust, found.shapes, shapely.Polygon())[drawn]
+    whole = np.array([outlines[k] for k in drawn], object)
+    apart = contest.disjoint(whole, shapes[drawn], known, agreement, config.carry)
     shown: dict[int, Shape] = {k: shape for k, shape in zip(drawn, apart, strict=True) if not shape.is_empty}
     visible = _visible(found, shown, likeness, config.carry)
     results = []
