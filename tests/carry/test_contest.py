@@ -1,6 +1,7 @@
 """One assignment over all regions and places."""
 
 import numpy as np
+import pytest
 import shapely
 
 from zpm2.carry import contest
@@ -84,3 +85,13 @@ def test_what_is_contested_goes_to_the_region_whose_place_it_is_in():
     for agreement in ([0.9, 0.5], [0.5, 0.9]):
         found = contest.disjoint(wide, given, given, np.array(agreement), CONFIG)
         assert [shape.bounds for shape in found] == [(0, 0, 10, 10), (10, 0, 20, 10)]
+
+
+def test_outlines_that_share_areas_and_lines_are_taken_apart():
+    given = np.array([shapely.box(0, 0, 10, 10), shapely.box(20, 0, 30, 10)], object)
+    comb = shapely.union_all([shapely.box(0, 0, 10, 10), shapely.box(10, 0, 12, 2), shapely.box(10, 6, 12, 8)])
+    other = shapely.union_all([shapely.box(10, 3, 20, 10), shapely.box(9, 0, 20, 1)])
+    found = contest.disjoint(np.array([comb, other], object), given, NOWHERE, np.array([0.9, 0.5]), CONFIG)
+    assert found[0].equals(comb)
+    assert found[1].area == pytest.approx(other.difference(comb).area)
+    assert {shape.geom_type for shape in found} <= {"Polygon", "MultiPolygon"}

@@ -87,10 +87,12 @@ def disjoint(
     smaller = np.minimum(shapely.area(given[pairs[:, 0]]), shapely.area(given[pairs[:, 1]]))
     for a, b in pairs[common <= config.max_shared * smaller].tolist():
         first, second = (a, b) if agreement[a] >= agreement[b] else (b, a)
-        contested = found[first].intersection(found[second])
-        of_second = contested.intersection(places[second].difference(places[first]))
+        contested = _areas(found[first].intersection(found[second]))
+        if contested.is_empty:
+            continue
+        of_second = _areas(contested.intersection(_areas(places[second].difference(places[first]))))
         found[first] = _areas(found[first].difference(of_second))
-        found[second] = _areas(found[second].difference(contested.difference(of_second)))
+        found[second] = _areas(found[second].difference(_areas(contested.difference(of_second))))
     return found
 
 
