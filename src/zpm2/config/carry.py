@@ -80,13 +80,13 @@ class CarryConfig:
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
     intercept: float = number(
-        0.0, "subtracted in the confidence", unit="log-odds", low=-100.0, high=100.0, source=FITTED
+        -0.02, "subtracted in the confidence", unit="log-odds", low=-100.0, high=100.0, source=FITTED
     )
     by_agreement: float = number(
-        2.6, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
+        2.92, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_trust: float = number(
-        1.8, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
+        1.06, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     window: int = number(
         1024, "side of the windows of large photographs", unit="px", low=256, high=16384, source="SAM sees 1024 px"
