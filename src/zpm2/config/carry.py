@@ -80,7 +80,7 @@ class CarryConfig:
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
     intercept: float = number(
-        -0.02, "subtracted in the confidence", unit="log-odds", low=-100.0, high=100.0, source=FITTED
+        0.0, "subtracted in the confidence", unit="log-odds", high=100.0, source="fitted, docs/carry.md: -0.02"
     )
     by_agreement: float = number(
         2.92, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
