@@ -54,6 +54,7 @@ class Matcher:
         self.kept = None if kept is None else Path(kept)
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=progress, say=say)
         self._points, self._segmenter_given = points, segmenter is not None
+        self._views = carrying.LastViews()
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are those of `PairMatcher`, and rasters of any size (extra `geo`).
@@ -76,7 +77,8 @@ class Matcher:
         """Each given region of the left photograph in the right one: its outline there, or why it has none.
 
         `regions` is a file that `zpm2 match --left-regions` takes too, or polygons in px of the left photograph. The
-        segmenter snaps outlines to the right photograph; `rigid` only moves the given ones. Photographs of any size.
+        segmenter snaps outlines to the right photograph; `rigid` only moves the given ones. Photographs of any size;
+        the last two are kept encoded, so that several right ones, or regions, of one left one cost less.
         Errors are those of `__call__`, `InputError` for a file without regions, and `ConfigError` for a segmenter that
         takes no prompts.
         """
@@ -88,6 +90,7 @@ class Matcher:
                 opened_file,
                 self._whole.points,
                 lambda: self._whole.segmenters()[1],
+                self._views,
                 self.config,
                 rigid,
                 self.progress,

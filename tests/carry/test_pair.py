@@ -1,15 +1,17 @@
 """Regions of one painted photograph in another one of the same plane."""
 
+import cv2
 import numpy as np
 import pytest
 import shapely
-from painted import PaintedSegmenter, PaintedView, Region, blank
+from painted import PaintedSegmenter, PaintedView, Region
 
 from zpm2 import config, geometry
 from zpm2.carry import pair
 from zpm2.global_match import initial_geometry
-from zpm2.model import PointMatches
+from zpm2.model import Image, PointMatches
 from zpm2.polygons.overlap import iou
+from zpm2.polygons.rasterize import rasterize_stack
 
 CONFIG = config.preset("default")
 H = np.array([[1.02, 0.05, -14.0], [-0.04, 0.98, 9.0], [0, 0, 1]])
@@ -36,8 +38,26 @@ def geometry_of(known=None):
     return initial_geometry(points() if known is None else known, CONFIG.global_match, CONFIG.seed)
 
 
-def carried(given, right_regions, known=None, names=None):
-    images = blank(SIZE, SIZE, 1), blank(SIZE, SIZE, 2)
+def flat():
+    """Two photographs without texture: nothing tells whether they agree."""
+    return tuple(Image(np.full((SIZE, SIZE, 3), value, np.uint8)) for value in (100, 120))
+
+
+def textured(gone=None):
+    """A surface of texture, and the same moved by H; where the region `gone` was is another texture."""
+    rough = np.random.default_rng(1).uniform(0, 255, (2, SIZE, SIZE, 3)).astype(np.float32)
+    surface, other = (
+        np.clip(128 + 4 * (cv2.GaussianBlur(each, (0, 0), 2) - 128), 0, 255).astype(np.uint8) for each in rough
+    )
+    right = cv2.warpPerspective(surface, H, (SIZE, SIZE))
+    if gone is not None:
+        (inside,) = rasterize_stack(np.array([moved(gone)], object), (SIZE, SIZE))
+        right[inside] = other[inside]
+    return Image(surface), Image(right)
+
+
+def carried(given, right_regions, known=None, names=None, images=None):
+    images = images or flat()
     segmenter = PaintedSegmenter([PaintedView(images[1], right_regions)])
     names = names or [str(k) for k in range(len(given))]
     return pair.carry(images, np.array(given, object), names, geometry_of(known), segmenter, CONFIG)
@@ -60,6 +80,28 @@ def test_what_nobody_sees_there_is_hidden_and_no_other_region_is_taken_for_it():
     assert found[gone].confidence == 0
     assert "hidden, changed or gone" in found[gone].reason
     assert sum(each.status == "found" for each in found) == len(CELLS) - 1
+
+
+def test_a_region_that_the_photograph_shows_and_nobody_outlines_keeps_its_own_outline():
+    found = carried(CELLS, [Region(moved(shape)) for k, shape in enumerate(CELLS) if k != 5], images=textured())
+    assert {each.status for each in found} == {"found"}
+    assert found[5].reason == "points tell its place: outline moved, not snapped"
+    assert iou(np.array([found[5].shape], object), np.array([moved(CELLS[5])], object))[0] > 0.9
+
+
+def test_where_the_photograph_shows_something_else_no_outline_is_only_moved():
+    others = [Region(moved(shape)) for k, shape in enumerate(CELLS) if k != 5]
+    found = carried(CELLS, others, images=textured(CELLS[5]))
+    assert found[5].status == "hidden"
+    assert found[5].shape is None
+
+
+def test_of_one_plane_an_outline_only_moved_is_more_exact_than_a_loose_answer():
+    grown = moved(CELLS[5]).buffer(1.5)
+    (found,) = carried([CELLS[5]], [Region(grown)], images=textured())
+    assert iou(np.array([found.shape], object), np.array([grown], object))[0] < 0.9
+    (found,) = carried([CELLS[5]], [Region(grown)])
+    assert iou(np.array([found.shape], object), np.array([grown], object))[0] > 0.9
 
 
 def test_a_region_whose_place_is_beyond_the_border_is_outside():

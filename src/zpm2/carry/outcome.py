@@ -63,14 +63,18 @@ def missing(
 
 
 def found(
-    visible: float | None, place: shapely.Geometry, trust: float, size: tuple[int, int], config: CarryConfig
+    visible: float | None,
+    place: shapely.Geometry,
+    trust: float,
+    moved: bool,
+    size: tuple[int, int],
+    config: CarryConfig,
 ) -> tuple[Status, str]:
-    """Status and reason of a region with an outline."""
+    """Status and reason of a region with an outline; `moved`: its own one, at its place."""
     by = "points and outline agree" if trust >= config.min_trust else "it looks like the region"
+    by = "points tell its place: outline moved, not snapped" if moved else by
     if visible is None or visible >= config.whole:
         return "found", by
     cut = trust >= config.trusted and inside_share(place, size) < config.whole
-    return (
-        "in part",
-        f"{visible:.0%} of it is visible: {'cut by the border' if cut else 'partly hidden, or seen from the side'}",
-    )
+    why = "cut by the border" if cut else "partly hidden, or seen from the side"
+    return "in part", f"{visible:.0%} of it is visible: {why}" + ("; outline moved, not snapped" if moved else "")

@@ -1,7 +1,7 @@
 """Regions of one photograph in another, both small enough to be seen as a whole."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 from zpm2 import geometry
 from zpm2.carry import contest, outcome
-from zpm2.carry.asking import Answers, Expectation, agreed, ask
+from zpm2.carry.asking import Answers, Expectation, ask
 from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.places import Places, places
+from zpm2.carry.resemblance import one_plane, resemblance, trusted
 from zpm2.config import CarryConfig, Config
+from zpm2.formats.regions.outlines import joined
 from zpm2.formats.regions.region import Shape
 from zpm2.global_match import InitialGeometry
 from zpm2.model import Image
+from zpm2.polygons.repair import polygons_in
 from zpm2.polygons.simplify import simplify
 from zpm2.polygons.trace import trace
 from zpm2.polygons.vectorize import without_small_holes
@@ -54,24 +57,33 @@ def carry(
         other = segmenter.view(images[0])
         assert isinstance(other, EmbeddedView)
         likeness = _Likeness(other, view, shapes, config.carry)
-    answers = [Answers(MaskPredictions.none(view.size), np.zeros(0))] * len(shapes)
-    trust = found.trust.copy()
+    answers = [Answers.none(view.size)] * len(shapes)
+    resembles = resemblance(images, found, initial, config)
+    trust = trusted(found, resembles, config.carry)
+    exact = np.where(resembles >= config.carry.shows, resembles * one_plane(initial), 0.0)
     for start in range(0, len(asked), ASKED):
         rows = asked[start : start + ASKED]
-        expected = [_expected(view, found, k, likeness, config.carry) for k in rows]
-        trust[rows] = [each.trust for each in expected]
+        expected = [_expected(view, found.shapes[k], float(trust[k]), float(exact[k]), k, likeness) for k in rows]
         for k, each in zip(rows, ask(view, expected, config.carry), strict=True):
             answers[k] = each
         progress((start + len(rows)) / len(asked))
+    choices = contest.decide(answers, shapes, config.carry)
+    got = {k: choice.row for k, choice in enumerate(choices) if choice.row is not None}
+    elsewhere = [k for k, row in got.items() if 2 * answers[k].by_place[row] < answers[k].agreement[row]]
+    trust = np.maximum(trust, found.trust)  # something may be in front of it
+    trust[elsewhere] = 0.0  # the likeness decided, against the points or without them
     found = replace(found, trust=trust)
-    choices = contest.decide(answers, config.carry)
-    outlines = [
-        None if choice.row is None else _outline(view, each.masks[np.array([choice.row])], images[1], config)
-        for each, choice in zip(answers, choices, strict=True)
-    ]
-    drawn = [k for k, each in enumerate(outlines) if each is not None]
-    agreement = np.array([answers[k].agreement[choices[k].row] for k in drawn])
-    apart = contest.disjoint(np.array([outlines[k] for k in drawn], object), shapes[drawn], agreement, config.carry)
+    outlines = {
+        k: _within(found.shapes[k], size)
+        if answers[k].moved[row]
+        else _outline(view, answers[k].masks[np.array([row])], config)
+        for k, row in got.items()
+    }
+    drawn = [k for k, each in outlines.items() if each is not None]
+    agreement = np.array([answers[k].agreement[got[k]] for k in drawn])
+    known = np.where(found.trust >= config.carry.min_trust, found.shapes, shapely.Polygon())[drawn]
+    whole = np.array([outlines[k] for k in drawn], object)
+    apart = contest.disjoint(whole, shapes[drawn], known, agreement, config.carry)
     shown: dict[int, Shape] = {k: shape for k, shape in zip(drawn, apart, strict=True) if not shape.is_empty}
     visible = _visible(found, shown, likeness, config.carry)
     results = []
@@ -79,7 +91,7 @@ def carry(
         seen = None
         if k in shown:
             others = tuple(_center(view, each.masks.bits[row], each.agreement[row]) for row in choice.others)
-            seen = shown[k], float(each.agreement[choice.row]), visible[k], others
+            seen = _Seen(shown[k], float(each.agreement[got[k]]), visible[k], bool(each.moved[got[k]]), others)
         lost = None if choice.lost is None else names[choice.lost]
         results.append(_outcome(found, k, seen, size, config.carry, lost))
     return results
@@ -114,15 +126,15 @@ class _Likeness:
 
 
 def _expected(
-    view: PromptedView, found: Places, k: int, likeness: _Likeness | None, config: CarryConfig
+    view: PromptedView, place: Shape, trust: float, exact: float, k: int, likeness: _Likeness | None
 ) -> Expectation:
-    place = view.cover(found.shapes[k : k + 1])[0]
+    cover = view.cover(np.array([place], object))[0]
     if likeness is None:
-        return Expectation(place, float(found.trust[k]), np.zeros(view.size, np.float32), 0.0)
-    return agreed(place, float(found.trust[k]), likeness.picture(k, view.size), likeness.weight(k), config)
+        return Expectation(cover, trust, exact, np.zeros(view.size, np.float32), 0.0)
+    return Expectation(cover, trust, exact, likeness.picture(k, view.size), likeness.weight(k))
 
 
-def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Config) -> Shape | None:
+def _outline(view: PromptedView, mask: MaskPredictions, config: Config) -> Shape | None:
     """The pieces of a mask at the image's resolution, without specks and pinholes, simplified."""
     (fine,) = view.masks(mask)
     pieces = trace(fine.bits, fine.x0, fine.y0) if fine.bits.any() else []
@@ -130,6 +142,11 @@ def _outline(view: PromptedView, mask: MaskPredictions, image: Image, config: Co
     holes = min(config.segment.min_area, config.carry.min_part * fine.area)
     simple = simplify([without_small_holes(piece, holes) for piece in kept], config.vectorize, 0.0)
     return shapely.unary_union(simple) if len(simple) else None
+
+
+def _within(shape: Shape, size: tuple[int, int]) -> Shape | None:
+    """The parts of a shape, px, inside a photograph of `size` (width, height) px."""
+    return joined(polygons_in(shape.intersection(shapely.box(0, 0, *size))))
 
 
 def _center(view: PromptedView, bits: NDArray[np.bool_], agreement: float) -> tuple[float, float, float]:
@@ -154,36 +171,40 @@ def _visible(
     return visible
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The outline that a region got."""
+
+    shape: Shape  # right px
+    agreement: float
+    visible: float | None
+    moved: bool  # not by the segmenter
+    others: tuple[tuple[float, float, float], ...] = ()  # x, y, agreement of answers elsewhere
+
+
 def _outcome(
-    found: Places,
-    k: int,
-    seen: tuple[Shape, float, float | None, tuple[tuple[float, float, float], ...]] | None,
-    size: tuple[int, int],
-    config: CarryConfig,
-    lost: str | None = None,
+    found: Places, k: int, seen: _Seen | None, size: tuple[int, int], config: CarryConfig, lost: str | None = None
 ) -> Outcome:
     trust, place = float(found.trust[k]), found.shapes[k]
     known = trust >= config.min_trust and not place.is_empty
-    shape, agreement, visible, others = seen or (None, 0.0, None, ())
-    if shape is None:
+    where = place if known else None if seen is None else seen.shape
+    if seen is None:
         status, reason = outcome.missing(place, trust, size, lost, config)
-        visible = 0.0 if status in ("outside", "hidden") else None
     else:
-        status, reason = outcome.found(visible, place, trust, size, config)
-    where = place if known else shape
-    center = None if where is None else where.centroid
+        status, reason = outcome.found(seen.visible, place, trust, seen.moved, size, config)
+    gone = 0.0 if status in ("outside", "hidden") else None
     return Outcome(
         status,
         reason,
-        shape,
-        outcome.confidence(agreement, trust, config) if shape is not None else 0.0,
-        visible,
-        agreement,
+        None if seen is None else seen.shape,
+        0.0 if seen is None else outcome.confidence(seen.agreement, trust, config),
+        gone if seen is None else seen.visible,
+        0.0 if seen is None else seen.agreement,
         trust,
         int(found.agreeing[k]),
-        None if center is None else (float(center.x), float(center.y)),
+        None if where is None else (float(where.centroid.x), float(where.centroid.y)),
         float(found.sigma[k]) if known and np.isfinite(found.sigma[k]) else None,
-        others,
+        () if seen is None else seen.others,
     )
 
 
@@ -207,7 +228,7 @@ def moved_only(
         if within < config.carry.outside:
             results.append(_outcome(found, k, None, size, config.carry))
             continue
-        results.append(_outcome(found, k, (moved, trust, within, ()), size, config.carry))
+        results.append(_outcome(found, k, _Seen(moved, trust, within, True), size, config.carry))
     return results
 
 

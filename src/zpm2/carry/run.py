@@ -12,6 +12,7 @@ from zpm2 import estimate
 from zpm2.carry import pair, windows
 from zpm2.carry.outcome import Outcome, missing
 from zpm2.carry.result import CarryResult, Side
+from zpm2.carry.views import EncodedOnce, LastViews
 from zpm2.config import Config
 from zpm2.errors import ConfigError, InputError
 from zpm2.features import weights_notes
@@ -40,11 +41,13 @@ def carry(
     regions: RegionFile | Sequence[Polygon],
     finder: Callable[[], PointFinder],
     segmenter: Callable[[], Segmenter],
+    views: LastViews,
     config: Config,
     rigid: bool,
     progress: Progress,
 ) -> CarryResult:
-    """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`."""
+    """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`. `views` are those of earlier
+    calls."""
     timer, notes = StageTimer(progress), list[str]()
     left, right = sources
     with timer("read"):
@@ -56,7 +59,7 @@ def carry(
     with timer("load"):
         points = finder()
         own = None if rigid else segmenter()
-        prompted = None if own is None else _prompted(own, config)
+        prompted = None if own is None else EncodedOnce(_prompted(own, config), views)
     names = [given[k].source_id or str(given[k].row) for k in usable]
     job = _Job(sources, np.array([shapes[k] for k in usable], object), names, points, prompted, config, timer, notes)
     small = max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from zpm2.config.fields import number, share
 
 CARRY = "tried on the pairs of docs/carry.md"
+FITTED = "fitted, docs/carry.md"
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class CarryConfig:
         "trust in a place without points of its own that all points around agree on",
         source="half: it may stand out",
     )
-    min_trust: float = share(0.2, "in a place, from which on the segmenter is asked there", source="one point of two")
+    min_trust: float = share(0.15, "in a place, from which on the segmenter is asked there", source="one point of two")
     min_pixels: int = number(
         4, "of a decoded mask that it covers, from which on it is asked for", low=1, high=10_000, source="as guided"
     )
@@ -36,18 +37,36 @@ class CarryConfig:
     cells: float = number(
         16.0, "of the embedding, from which on the likeness of a region counts in full", above=True, source="4 x 4"
     )
-    looks_right: float = share(
-        0.5,
-        "soft IoU of a place with where it looks like the region, from which on there is no doubt",
+    min_contrast: float = number(
+        2.0,
+        "geometric mean of the standard deviations of both photographs in a place, under which they are not compared",
+        unit="grey levels",
         above=True,
-        source=CARRY,
+        source="a camera's noise",
+    )
+    samples: int = number(
+        48,
+        "points around which the photographs are compared, to know how alike they are",
+        low=1,
+        high=10_000,
+        source="a median of them is stable",
+    )
+    least_usual: float = share(
+        0.3, "correlation around the points, below which it is taken to be this", above=True, source="noise has less"
+    )
+    doubt: float = share(
+        0.8, "of the trust in a place, lost where the photographs do not resemble each other at all", source=CARRY
+    )
+    shows: float = share(
+        0.5, "resemblance in a place, from which on the outline only moved takes part", source="rather than not"
+    )
+    edge_px: float = number(
+        0.25, "of a decoded mask, by which its outline may be off", unit="px", high=2.0, source=CARRY
     )
     min_likeness: float = share(0.2, "of the most alike cell, from which on it is asked there", source=CARRY)
-    sure: float = share(0.6, "soft IoU of an answer, from which on no other place is tried", source=CARRY)
+    sure: float = share(0.6, "agreement of an answer with the place, from which on no other is tried", source=CARRY)
     kept: int = number(4, "answers of a region that take part in the contest", low=1, high=100, source="time grows")
-    min_agreement: float = share(
-        0.25, "soft IoU of an answer with what is expected, from which on it counts", source=CARRY
-    )
+    min_agreement: float = share(0.05, "of an answer with what is expected, from which on it counts", source=CARRY)
     same_place: float = share(0.7, "IoU of two masks that are one place", source="as segment.nms_iou")
     max_shared: float = share(
         0.05, "of the smaller one of two given regions in common, up to which they are disjoint", source="a px or two"
@@ -60,12 +79,14 @@ class CarryConfig:
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
-    intercept: float = number(4.2, "subtracted in the confidence", unit="log-odds", high=100.0, source=CARRY)
+    intercept: float = number(
+        0.0, "subtracted in the confidence", unit="log-odds", high=100.0, source="fitted, docs/carry.md: -0.02"
+    )
     by_agreement: float = number(
-        7.0, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=CARRY
+        2.92, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_trust: float = number(
-        1.2, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=CARRY
+        1.06, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     window: int = number(
         1024, "side of the windows of large photographs", unit="px", low=256, high=16384, source="SAM sees 1024 px"
