@@ -61,18 +61,19 @@ class CandidateScorer:
         The constraint (the indicator I(G_i = G_j) of 3.1): a left polygon that hardly overlaps its candidate after
         rectification is not where the candidate is, however alike they look.
         """
-        config = self.config
-        at, dsf = self.shared_points.at(pairs), self.shared_points.counts_of(pairs)
-        maps = self._maps(pairs, at, dsf, locations)
-        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf)
-        agreement = self.shared_points.agreement(pairs)
-        if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
-            warped = self.guided_prior.warped
-            found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
-        near = found.overlap >= config.min_overlap
-        if self.guided_prior is not None:
-            near &= self.guided_prior.accepts(pairs, found.overlap, agreement, dsf)
-        rows = np.flatnonzero(near)
+        config, prior = self.config, self.guided_prior
+        dsf, agreement = self.shared_points.counts_of(pairs), self.shared_points.agreement(pairs)
+        least = np.full(len(pairs), config.min_overlap)
+        if prior is not None:
+            least = np.maximum(least, prior.least_overlap(pairs, agreement, dsf))
+            rows = np.flatnonzero(np.isfinite(least))
+            pairs, dsf, agreement, least = pairs[rows], dsf[rows], agreement[rows], least[rows]
+        maps = self._maps(pairs, self.shared_points.at(pairs), dsf, locations)
+        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf, least)
+        if prior is not None:  # a second hypothesis; the one with more overlap counts
+            warped, of = prior.warped, pairs.left
+            found = found.or_better(self._overlaps(pairs, warped.shapes[of], warped.maps[of], dsf, least))
+        rows = np.flatnonzero(found.overlap >= least)
         pairs, dsf, agreement, found = pairs[rows], dsf[rows], agreement[rows], found[rows]
         psi = found.overlap if config.shape == "overlap" else found.area * self._graph(found.rectified, pairs)[0]
         r = texture.correlation(self.patches, pairs, config.min_contrast)
@@ -86,10 +87,11 @@ class CandidateScorer:
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
 
     def _overlaps(
-        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64]
+        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64], least: Array
     ) -> "_Overlaps":
         """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or, with enough shared
-        points, over what both photographs can show (`config.visible`)."""
+        points, over what both photographs can show (`config.visible`). Pairs that cannot overlap by `least` (c,) have
+        an overlap of 0."""
         right, limits = self.right.shapes[pairs.right], self.config.visible
         areas = shapely.area(rectified), shapely.area(right)
         own, other, visible = rectified.copy(), right.copy(), np.ones(len(pairs))
@@ -102,7 +104,7 @@ class CandidateScorer:
             )
             shares = [shapely.area(part) / np.maximum(a, 1e-300) for part, a in zip((own, other), areas, strict=True)]
             visible[known] = np.minimum(*shares)[known].clip(0, 1)
-        overlap = np.where(visible >= limits.min_share, iou(own, other), 0.0)
+        overlap = np.where(visible >= limits.min_share, iou(own, other, least), 0.0)
         return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
 
     def _maps(

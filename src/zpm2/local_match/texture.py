@@ -46,11 +46,13 @@ class TexturePatches:
         y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(rows), size, size))
         homogeneous = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(len(rows), -1, 3)
         mapped = homogeneous @ to_image.transpose(0, 2, 1)
-        depth = mapped[..., 2:]
-        seen = depth[..., 0] > 1e-9
-        at = mapped[..., :2] / np.where(depth > 1e-9, depth, 1.0)
-        seen &= (at >= 0).all(-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
-        spread = np.nan_to_num(np.ptp(at, axis=1).max(1) / size, nan=1.0, posinf=1.0)
+        depth = mapped[..., 2]
+        seen = depth > 1e-9
+        at = mapped[..., :2] / np.where(seen, depth, 1.0)[..., None]
+        column, row = at[..., 0], at[..., 1]  # by coordinate, which is faster than along an axis of two
+        seen &= (column >= 0) & (row >= 0) & (column <= width) & (row <= height)
+        extent = np.maximum(np.ptp(column, axis=1), np.ptp(row, axis=1))
+        spread = np.nan_to_num(extent / size, nan=1.0, posinf=1.0)
         level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, self.max_halvings).astype(int)
         for k in np.unique(level):
             while len(levels) <= k:
