@@ -100,14 +100,17 @@ class PairMatcher:
         with timer("global"):
             problem = self._locate(found, initial)
         with timer("local"):
-            matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match)
-        if found.prompted is not None and config.guided.direction == "both":
+            again = found.prompted is not None and config.guided.direction == "both"
+            matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match, nodes=not again)
+        if again:
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
                 problem, matches = self._match(found, initial)
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
-                closer = self._regions.look_closer(found, matches, initial, lambda more: self._match(more, initial)[1])
+                closer = self._regions.look_closer(
+                    found, matches, initial, lambda more: self._match(more, initial, nodes=False)[1]
+                )
                 if closer is not found:
                     found = closer
                     problem, matches = self._match(found, initial)
@@ -152,10 +155,12 @@ class PairMatcher:
             self._points.load()
             return self._points
 
-    def _match(self, found: PairRegions, initial: InitialGeometry) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
+    def _match(
+        self, found: PairRegions, initial: InitialGeometry, nodes: bool = True
+    ) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from."""
         problem = self._locate(found, initial)
-        return problem, match_polygons(problem, self.config.local_match)
+        return problem, match_polygons(problem, self.config.local_match, nodes)
 
     def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zpm2.model import Image
+
 
 def pyramid(gray: NDArray[np.float32], levels: int, factor: int) -> list[NDArray[np.float32]]:
     """Gaussian pyramid, full resolution first. Level k is `factor` times smaller than level k - 1 and keeps the
@@ -17,6 +19,15 @@ def pyramid(gray: NDArray[np.float32], levels: int, factor: int) -> list[NDArray
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         result.append(np.asarray(cv2.warpAffine(blurred, to_fine, size, flags=how, borderMode=cv2.BORDER_REPLICATE)))
     return result
+
+
+def levels(image: Image, count: int, factor: int) -> list[NDArray[np.float32]]:
+    """The `pyramid` of a photograph, of at least `count` levels beyond the full one. Each level is computed once."""
+    known = image.levels.get(factor, [image.gray])
+    if len(known) <= count:
+        known = [*known[:-1], *pyramid(known[-1], count + 1 - len(known), factor)]
+        image.levels[factor] = known
+    return known
 
 
 def bilinear(image: NDArray[np.float32], at: NDArray[np.float64]) -> NDArray[np.float32]:

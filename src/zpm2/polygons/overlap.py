@@ -22,7 +22,7 @@ def iou(first: NDArray[np.object_], second: NDArray[np.object_], least: float | 
 
 
 def may_reach(areas: tuple[Array, Array], bounds: tuple[Array, Array], least: float | Array) -> NDArray[np.bool_]:
-    """(c,) whether the IoU of two polygons of `areas` (c,) and `bounds` (c, 4) may reach `least`, one number or (c,)."""
+    """(c,) whether polygons of `areas` (c,) and `bounds` (c, 4) may have an IoU of `least`, one number or (c,)."""
     common = np.minimum(shared_box(*bounds), np.minimum(*areas))
     return np.asarray((common > 0) & (common >= (1 - ROUNDING) * least * (areas[0] + areas[1] - common)))
 

@@ -4,7 +4,8 @@ The pyramid (`global_match.pyramid`) needs texture at a polygon's centre and fin
 around a polygon give a whole map and need no texture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -33,6 +34,41 @@ class WarpedPolygons:
         return len(self.maps)
 
 
+@dataclass(frozen=True, eq=False)
+class WarpingPoints(PointMatches):
+    """Points that warp many polygons, most of them more than once in a run: `warp_by_points` builds their trees once,
+    and warps each polygon once."""
+
+    known: "dict[tuple[int, ...], _Known]" = field(default_factory=dict)
+
+    @staticmethod
+    def of(points: PointMatches) -> "WarpingPoints":
+        """The same points."""
+        if isinstance(points, WarpingPoints):
+            return points
+        return WarpingPoints(points.left, points.right, points.score)
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Of the left points."""
+        return shapely.STRtree(shapely.points(self.left))
+
+    @cached_property
+    def neighbors(self) -> "cKDTree[None]":
+        """Of the left points."""
+        return cKDTree(self.left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A polygon that was warped: its outline, by what, and the result."""
+
+    given: tuple[object, ...]  # kept, so that no other object gets the same identity
+    map: Array
+    shape: shapely.Polygon
+    own: int
+
+
 def warp_by_points(
     polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
 ) -> WarpedPolygons:
@@ -40,19 +76,37 @@ def warp_by_points(
 
     A polygon with at least `config.gamma` points has a homography of its own (3.4.1). With fewer, it moves by the local
     affine part of H and the median shift of its points; without any, by that of the `config.nearest_points` nearest.
+    Of `WarpingPoints`, a polygon with the same vertices (the same arrays) is not warped twice.
     """
-    n = len(polygons)
+    points, n = WarpingPoints.of(points), len(polygons)
     if n == 0 or len(points) == 0:
         return WarpedPolygons(
             np.broadcast_to(np.eye(3), (n, 3, 3)), np.full(n, shapely.Polygon(), object), np.zeros(n, int)
         )
-    tree = shapely.STRtree(shapely.points(points.left))
+    given = [(polygon.exterior, polygon.holes, homography, config) for polygon in polygons.polygons]
+    keys = [tuple(map(id, each)) for each in given]
+    new = [row for row, key in enumerate(keys) if key not in points.known]
+    if new:
+        part = PolygonArrays([polygons.polygons[row] for row in new])
+        found = _warped(part, points, homography, config)
+        for k, row in enumerate(new):
+            points.known[keys[row]] = _Known(given[row], found.maps[k], found.shapes[k], int(found.own[k]))
+    known, shapes = [points.known[key] for key in keys], np.empty(n, object)
+    shapes[:] = [each.shape for each in known]
+    return WarpedPolygons(np.array([each.map for each in known]), shapes, np.array([each.own for each in known]))
+
+
+def _warped(
+    polygons: PolygonArrays, points: WarpingPoints, homography: Array | Failed, config: LocalConfig
+) -> WarpedPolygons:
+    """What `warp_by_points` gives for polygons that are not known. Rows do not depend on each other."""
+    n = len(polygons)
     shapely.prepare(polygons.shapes)
-    polygon, point = tree.query(polygons.shapes, predicate="contains")
+    polygon, point = points.tree.query(polygons.shapes, predicate="contains")
     order = np.lexsort((point, polygon))
     polygon, point = polygon[order], point[order]
     own = np.bincount(polygon, minlength=n)
-    _, near = cKDTree(points.left).query(polygons.centers, k=min(config.nearest_points, len(points)))
+    _, near = points.neighbors.query(polygons.centers, k=min(config.nearest_points, len(points)))
     near = near.reshape(n, -1)
     without = np.flatnonzero(own == 0)
     polygon = np.append(polygon, np.repeat(without, near.shape[1]))
