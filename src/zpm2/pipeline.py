@@ -19,6 +19,7 @@ from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import split
 from zpm2.photos.images import read_image
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.photos.source import ImageLike
 from zpm2.polygons.warp import warp_by_points
 from zpm2.result import MatchResult
@@ -82,21 +83,29 @@ class PairMatcher:
         Threads may share a matcher: it matches their pairs one after the other.
         """
         with self.lock, memory.within(self.config.max_memory):
-            return self._call(left, right)
+            return self.one_of_many(left, right)
 
-    def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
+    @property
+    def takes_threads(self) -> bool:
+        """Whether threads may use `one_of_many` at the same time: all models are zpm2's own, which take turns."""
+        return not (self._regions.given or self._points_given or plugin_code(self.config))
+
+    def one_of_many(self, left: ImageLike, right: ImageLike, kept: KeptPhotos = NOTHING_KEPT) -> MatchResult:
+        """As a call, within the caller's memory budget and without the lock. What was found in photographs that are
+        `kept` is used again."""
         config, timer = self.config, StageTimer(self.progress)
         with timer("read"):
             raster = config.raster
             images = read_image(left, "left image", raster), read_image(right, "right image", raster)
+            images = kept.same(images[0]), kept.same(images[1])
         estimate.refuse_whole(config, [(image.width, image.height) for image in images], self._regions.given)
         with timer("load"):
             self._points.load()
             self._regions.load()
-        looked = self._points(images, timer)
+        looked = self._points(images, timer, kept)
         initial = looked.initial
         with timer("detect"):
-            found = self._regions.detect(images, initial)
+            found = self._regions.detect(images, initial, kept)
         with timer("global"):
             problem = self._locate(found, initial)
         with timer("local"):
@@ -143,6 +152,12 @@ class PairMatcher:
         """The polygons of one photograph, segmented alone, by the segmenter of that side."""
         with self.lock:
             return self._regions.alone(image, side)
+
+    def load(self) -> None:
+        """Loads the models, which the first call does else."""
+        with self.lock:
+            self._points.load()
+            self._regions.load()
 
     def segmenters(self) -> tuple[Segmenter, Segmenter]:
         """The segmenters of the left and the right image, loaded, for use in another matcher."""
