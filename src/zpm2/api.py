@@ -73,7 +73,7 @@ class Matcher:
             return self._in_tiles(sources, said) if tiles else match_whole(self._whole, sources, self.config)
 
     def match_many(
-        self, pairs: Iterable[tuple[ImageLike, ImageLike]], *, at_once: int = 2, photographs: int = 4
+        self, pairs: Iterable[tuple[ImageLike, ImageLike]], *, at_once: int = 2, photographs: int = 8
     ) -> Iterator[MatchResult | Zpm2Error]:
         """The results of many pairs, one after the other, in their order; each the same as that of a call.
 
@@ -91,7 +91,8 @@ class Matcher:
             raise ConfigError(
                 f"match_many takes at least 1 pair at once and 1 photograph, not {at_once}, {photographs}"
             )
-        return self._many(pairs, at_once if self._whole.takes_threads else 1, KeptPhotos(max(photographs, 2)))
+        at_once = at_once if self._whole.takes_threads else 1
+        return self._many(pairs, at_once, KeptPhotos(max(photographs, 2 * at_once)))
 
     def _many(
         self, pairs: Iterable[tuple[ImageLike, ImageLike]], at_once: int, kept: KeptPhotos
