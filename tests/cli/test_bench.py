@@ -2,7 +2,18 @@ from pathlib import Path
 
 from rendered import Pair, Run
 
-QUICK = "--runs", "1", "--set", "segment.model=classical", "--set", "points.methods=sift", "--device", "cpu"
+QUICK = (
+    "--runs",
+    "1",
+    "--set",
+    "segment.model=classical",
+    "--set",
+    "segment.grid=4",
+    "--set",
+    "points.methods=sift",
+    "--device",
+    "cpu",
+)
 
 
 def test_report_and_comparison(run: Run, pair: Pair, tmp_path: Path) -> None:

