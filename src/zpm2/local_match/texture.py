@@ -41,11 +41,13 @@ class TexturePatches:
         t = (np.arange(size) + 0.5) / size
         x = np.broadcast_to((x0[:, None] + (x1 - x0)[:, None] * t)[:, None, :], (len(rows), size, size))
         y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(rows), size, size))
-        homogeneous = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(len(rows), -1, 3)
-        mapped = homogeneous @ to_image.transpose(0, 2, 1)
-        depth = mapped[..., 2]
-        seen = depth > 1e-9
-        at = mapped[..., :2] / np.where(seen, depth, 1.0)[..., None]
+        at = np.stack([x, y], axis=-1).reshape(len(rows), -1, 2)
+        seen = np.ones(at.shape[:2], bool)
+        if (to_image != np.eye(3)).any():
+            mapped = np.concatenate([at, np.ones((*at.shape[:2], 1))], axis=2) @ to_image.transpose(0, 2, 1)
+            depth = mapped[..., 2]
+            seen = depth > 1e-9
+            at = mapped[..., :2] / np.where(seen, depth, 1.0)[..., None]
         column, row = at[..., 0], at[..., 1]  # by coordinate, which is faster than along an axis of two
         seen &= (column >= 0) & (row >= 0) & (column <= width) & (row <= height)
         extent = np.maximum(np.ptp(column, axis=1), np.ptp(row, axis=1))
