@@ -14,7 +14,7 @@ from zpm2.global_match import InitialGeometry, locate, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
-from zpm2.local_match import MatchProblem, match_polygons
+from zpm2.local_match import KnownOverlaps, MatchProblem, match_polygons
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import split
@@ -107,22 +107,23 @@ class PairMatcher:
         with timer("detect"):
             found = self._regions.detect(images, initial, kept)
         with timer("global"):
-            problem = self._locate(found, initial)
+            problem = self._locate(found, initial, {})
         with timer("local"):
             again = found.prompted is not None and config.guided.direction == "both"
             matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match, nodes=not again)
         if again:
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
-                problem, matches = self._match(found, initial)
+                problem, matches = self._match(found, problem)
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
+                before = problem
                 closer = self._regions.look_closer(
-                    found, matches, initial, lambda more: self._match(more, initial, nodes=False)[1]
+                    found, matches, initial, lambda more: self._match(more, before, nodes=False)[1]
                 )
                 if closer is not found:
                     found = closer
-                    problem, matches = self._match(found, initial)
+                    problem, matches = self._match(found, before)
         with timer("verify"):
             matches = verified(problem, matches, matches, config.local_match)
             own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
@@ -171,18 +172,18 @@ class PairMatcher:
             return self._points
 
     def _match(
-        self, found: PairRegions, initial: InitialGeometry, nodes: bool = True
+        self, found: PairRegions, before: MatchProblem, nodes: bool = True
     ) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
-        """The matches of regions, and what they were decided from."""
-        problem = self._locate(found, initial)
+        """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
+        problem = self._locate(found, before.initial, before.known)
         return problem, match_polygons(problem, self.config.local_match, nodes)
 
-    def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
+    def _locate(self, found: PairRegions, initial: InitialGeometry, known: KnownOverlaps) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""
         config, polygons = self.config.global_match, found.polygons
         locations = locate(*found.images, polygons[0].centers, initial, config)
         candidates = search_candidates(*polygons, locations, config)
-        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior)
+        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior, known)
 
     def _with_reasons(self, sides: Sides, matches: Sequence[PolygonMatch], initial: InitialGeometry) -> Sides:
         """Both sides, with the reason why a polygon has no partner."""

@@ -17,6 +17,7 @@ from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
+from zpm2.polygons.once import Known, as_objects, each_once, identity, vertices
 from zpm2.polygons.transform import transform_polygons
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class WarpingPoints(PointMatches):
     """Points that warp many polygons, most of them more than once in a run: `warp_by_points` builds their trees once,
     and warps each polygon once."""
 
-    known: "dict[tuple[int, ...], _Known]" = field(default_factory=dict)
+    known: Known[tuple[Array, shapely.Polygon, int]] = field(default_factory=dict)
 
     @staticmethod
     def of(points: PointMatches) -> "WarpingPoints":
@@ -59,16 +60,6 @@ class WarpingPoints(PointMatches):
         return cKDTree(self.left)
 
 
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """A polygon that was warped: its outline, by what, and the result."""
-
-    given: tuple[object, ...]  # kept, so that no other object gets the same identity
-    map: Array
-    shape: shapely.Polygon
-    own: int
-
-
 def warp_by_points(
     polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
 ) -> WarpedPolygons:
@@ -83,17 +74,18 @@ def warp_by_points(
         return WarpedPolygons(
             np.broadcast_to(np.eye(3), (n, 3, 3)), np.full(n, shapely.Polygon(), object), np.zeros(n, int)
         )
-    given = [(polygon.exterior, polygon.holes, homography, config) for polygon in polygons.polygons]
-    keys = [tuple(map(id, each)) for each in given]
-    new = [row for row, key in enumerate(keys) if key not in points.known]
-    if new:
-        part = PolygonArrays([polygons.polygons[row] for row in new])
-        found = _warped(part, points, homography, config)
-        for k, row in enumerate(new):
-            points.known[keys[row]] = _Known(given[row], found.maps[k], found.shapes[k], int(found.own[k]))
-    known, shapes = [points.known[key] for key in keys], np.empty(n, object)
-    shapes[:] = [each.shape for each in known]
-    return WarpedPolygons(np.array([each.map for each in known]), shapes, np.array([each.own for each in known]))
+
+    def find(rows: NDArray[np.intp]) -> list[tuple[Array, shapely.Polygon, int]]:
+        some = PolygonArrays([polygons.polygons[row] for row in rows])
+        found = _warped(some, points, homography, config)
+        return list(zip(found.maps, found.shapes, found.own, strict=True))
+
+    keys = [(*identity(polygon), id(homography), id(config)) for polygon in polygons.polygons]
+    maps, shapes, own = zip(
+        *each_once(points.known, keys, lambda row: (*vertices(polygons.polygons[row]), homography, config), find),
+        strict=True,
+    )
+    return WarpedPolygons(np.array(maps), as_objects(shapes), np.array(own))
 
 
 def _warped(
