@@ -82,8 +82,8 @@ class Matcher:
         ones are taken when the results before them were. Do not change arrays before that.
 
         While one pair is compared on the processor, the networks look at the next. They look at a photograph once,
-        however many pairs it is in, as long as it is one of the last `photographs` that were used; each takes about
-        100 MB. Pairs are matched one at a time where segmenters or point matchers are not zpm2's own, where two would
+        however many pairs it is in, as long as it is one of the last `photographs` that were used; each takes some
+        30 MB. Pairs are matched one at a time where segmenters or point matchers are not zpm2's own, where two would
         not fit into `max_memory`, and in tiles. `progress` is not told; stages of a result's `timings` include waiting
         for other pairs. `ConfigError` for an `at_once` or a number of `photographs` under 1.
         """
