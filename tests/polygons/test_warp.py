@@ -1,6 +1,7 @@
 """Polygons carried by points of known geometry."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -144,3 +145,16 @@ def test_another_geometry_or_configuration_warps_again():
     few = LocalConfig(gamma=8, nearest_points=1)
     fresh = warp_by_points(polygons, points(kept.left), Failed("none"), few)
     assert warp_by_points(polygons, kept, Failed("none"), few).maps.tobytes() == fresh.maps.tobytes()
+
+
+def test_copies_of_points_know_nothing():
+    rng = np.random.default_rng(9)
+    polygons, kept = some_polygons(rng), WarpingPoints.of(points(rng.uniform(0, 500, (40, 2))))
+    warp_by_points(polygons, kept, H, CONFIG)
+    moved = dataclasses.replace(kept, right=kept.right + 5.0)
+    for copied in (pickle.loads(pickle.dumps(kept)), moved):
+        assert not copied.known
+        assert np.array_equal(copied.left, kept.left)
+    assert not np.allclose(
+        warp_by_points(polygons, moved, H, CONFIG).maps, warp_by_points(polygons, kept, H, CONFIG).maps
+    )

@@ -14,7 +14,7 @@ from zpm2.global_match.chance import is_mirrored, log_chance, same_scene
 from zpm2.model import Image, PointMatches
 from zpm2.polygons.warp import WarpingPoints
 
-PointsAndH = tuple[PointMatches, NDArray[np.float64] | Failed]
+Warping = tuple[WarpingPoints, NDArray[np.float64] | Failed]  # points, and H
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,20 +47,20 @@ class InitialGeometry:
         linear = geometry.homography_jacobian(self.homography, centers)
         return PriorLocations(geometry.project(self.homography, centers), linear)
 
-    def forward(self) -> PointsAndH:
+    def forward(self) -> Warping:
         """The points that agree with F, and H, from left to right: what `polygons.warp` warps left polygons by."""
         return self._forward
 
-    def backward(self) -> PointsAndH:
+    def backward(self) -> Warping:
         """The same from right to left."""
         return self._backward
 
     @cached_property
-    def _forward(self) -> PointsAndH:
+    def _forward(self) -> Warping:
         return WarpingPoints.of(self.points[self.consistent]), self.homography
 
     @cached_property
-    def _backward(self) -> PointsAndH:
+    def _backward(self) -> Warping:
         points, homography = self._forward
         inverse = homography if isinstance(homography, Failed) else np.asarray(np.linalg.inv(homography), np.float64)
         return WarpingPoints(points.right, points.left, points.score), inverse

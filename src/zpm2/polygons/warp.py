@@ -40,7 +40,11 @@ class WarpingPoints(PointMatches):
     """Points that warp many polygons, most of them more than once in a run: `warp_by_points` builds their trees once,
     and warps each polygon once."""
 
-    known: Known[tuple[Array, shapely.Polygon, int]] = field(default_factory=dict)
+    known: Known[tuple[Array, shapely.Polygon, int]] = field(default_factory=dict, init=False)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copies know nothing: keys name objects of this process."""
+        return WarpingPoints, (self.left, self.right, self.score)
 
     @staticmethod
     def of(points: PointMatches) -> "WarpingPoints":
