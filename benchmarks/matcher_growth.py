@@ -73,7 +73,8 @@ def synthetic_pair(columns: int, rows: int, seed: int = 0) -> Pair:
 def run(pair: Pair, config: Config) -> dict[str, float]:
     """Both stages once: their seconds, and how many of the polygons were matched and matched rightly."""
     for image in pair.images:
-        image.__dict__.pop("gray", None)  # computed again, as in a fresh pair
+        for name in ("gray", "levels"):
+            image.__dict__.pop(name, None)  # computed again, as in a fresh pair
     polygons = [[Polygon(p.id, p.exterior) for p in side] for side in pair.polygons]
     start = perf_counter()
     arrays = PolygonArrays(polygons[0]), PolygonArrays(polygons[1])

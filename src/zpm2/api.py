@@ -5,17 +5,22 @@ option.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 from zpm2 import baselines, estimate, memory
 from zpm2 import carry as carrying
 from zpm2 import config as configuration
 from zpm2.config import Config
-from zpm2.errors import ConfigError, did_you_mean
+from zpm2.errors import ConfigError, Zpm2Error, did_you_mean
 from zpm2.features import PointMatcher
 from zpm2.files.photo_paths import are_swapped, has_content
 from zpm2.model import SIDES
+from zpm2.photos.kept import KeptPhotos
 from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult, read_result
@@ -52,7 +57,8 @@ class Matcher:
         self.config = configuration.as_config(config)
         self.progress, self.say = progress, say
         self.kept = None if kept is None else Path(kept)
-        self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=progress, say=say)
+        self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=self._tell, say=say)
+        self._quiet = 0  # how many iterations over many pairs are going on
         self._points, self._segmenter_given = points, segmenter is not None
         self._views = carrying.LastViews()
 
@@ -65,11 +71,74 @@ class Matcher:
         limit = memory.within(self.config.max_memory)
         with self._whole.lock, limit, opened(left, right, self.config.raster) as sources:
             tiles, said = self._by_tiles(sources)
-            if not tiles:
-                return match_whole(self._whole, sources, self.config)
-            smallest = min_areas(sources, self.config)
-            run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said)
-            return run.result().with_gis_messages()
+            return self._in_tiles(sources, said) if tiles else match_whole(self._whole, sources, self.config)
+
+    def match_many(
+        self, pairs: Iterable[tuple[ImageLike, ImageLike]], *, at_once: int = 2, photographs: int = 8
+    ) -> Iterator[MatchResult | Zpm2Error]:
+        """The results of many pairs, one after the other, in their order; each the same as that of a call.
+
+        Of a pair that fails, its error takes the place of the result, and the iteration goes on. What is wrong with all
+        pairs (weights that cannot be had) is raised. `pairs` may be endless: `at_once` of them are in work, and further
+        ones are taken when the results before them were. Do not change arrays before that.
+
+        While one pair is compared on the processor, the networks look at the next. They look at a photograph once,
+        however many pairs it is in, as long as it is one of the last `photographs` that were used; each takes some
+        30 MB. Pairs are matched one at a time where segmenters or point matchers are not zpm2's own, where two would
+        not fit into `max_memory`, and in tiles. `progress` is not told; stages of a result's `timings` include waiting
+        for other pairs. `ConfigError` for an `at_once` or a number of `photographs` under 1.
+        """
+        if min(at_once, photographs) < 1:
+            raise ConfigError(
+                f"match_many takes at least 1 pair at once and 1 photograph, not {at_once}, {photographs}"
+            )
+        at_once = at_once if self._whole.takes_threads else 1
+        return self._many(pairs, at_once, KeptPhotos(max(photographs, 2 * at_once)))
+
+    def _many(
+        self, pairs: Iterable[tuple[ImageLike, ImageLike]], at_once: int, kept: KeptPhotos
+    ) -> Iterator[MatchResult | Zpm2Error]:
+        self._whole.load()
+        self._quiet += 1
+        running: deque[Future[MatchResult | Zpm2Error]] = deque()
+        pool = ThreadPoolExecutor(at_once, thread_name_prefix="zpm2")
+        try:
+            for left, right in pairs:
+                running.append(pool.submit(self._one_of_many, left, right, kept, at_once))
+                if len(running) == at_once:
+                    yield running.popleft().result()
+            while running:
+                yield running.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+            self._quiet -= 1
+
+    def _one_of_many(
+        self, left: ImageLike, right: ImageLike, kept: KeptPhotos, at_once: int
+    ) -> MatchResult | Zpm2Error:
+        limit = memory.within(self.config.max_memory)
+        try:
+            with limit, opened(left, right, self.config.raster) as sources:
+                tiles, said = self._by_tiles(sources)
+                if tiles:
+                    with self._whole.lock:
+                        return self._in_tiles(sources, said)
+                sizes = [(source.width, source.height) for source in sources]
+                all_of_them = at_once * estimate.whole(self.config, sizes, self._segmenter_given)
+                with self._whole.lock if all_of_them > memory.budget() else nullcontext():
+                    one = functools.partial(self._whole.one_of_many, kept=kept)
+                    return match_whole(one, sources, self.config)
+        except Zpm2Error as error:
+            return error
+
+    def _in_tiles(self, sources: tuple[Source, Source], said: list[str]) -> MatchResult:
+        smallest = min_areas(sources, self.config)
+        run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said)
+        return run.result().with_gis_messages()
+
+    def _tell(self, stage: str, share: float) -> None:
+        if not self._quiet:
+            self.progress(stage, share)
 
     def carry(
         self, left: ImageLike, right: ImageLike, regions: carrying.Regions, *, rigid: bool = False

@@ -14,11 +14,12 @@ from zpm2.global_match import InitialGeometry, locate, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
-from zpm2.local_match import MatchProblem, match_polygons
+from zpm2.local_match import KnownOverlaps, MatchProblem, match_polygons
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import split
 from zpm2.photos.images import read_image
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.photos.source import ImageLike
 from zpm2.polygons.warp import warp_by_points
 from zpm2.result import MatchResult
@@ -82,35 +83,47 @@ class PairMatcher:
         Threads may share a matcher: it matches their pairs one after the other.
         """
         with self.lock, memory.within(self.config.max_memory):
-            return self._call(left, right)
+            return self.one_of_many(left, right)
 
-    def _call(self, left: ImageLike, right: ImageLike) -> MatchResult:
+    @property
+    def takes_threads(self) -> bool:
+        """Whether threads may use `one_of_many` at the same time: all models are zpm2's own, which take turns."""
+        return not (self._regions.given or self._points_given or plugin_code(self.config))
+
+    def one_of_many(self, left: ImageLike, right: ImageLike, kept: KeptPhotos = NOTHING_KEPT) -> MatchResult:
+        """As a call, within the caller's memory budget and without the lock. What was found in photographs that are
+        `kept` is used again."""
         config, timer = self.config, StageTimer(self.progress)
         with timer("read"):
             raster = config.raster
             images = read_image(left, "left image", raster), read_image(right, "right image", raster)
+            images = kept.same(images[0]), kept.same(images[1])
         estimate.refuse_whole(config, [(image.width, image.height) for image in images], self._regions.given)
         with timer("load"):
             self._points.load()
             self._regions.load()
-        looked = self._points(images, timer)
+        looked = self._points(images, timer, kept)
         initial = looked.initial
         with timer("detect"):
-            found = self._regions.detect(images, initial)
+            found = self._regions.detect(images, initial, kept)
         with timer("global"):
-            problem = self._locate(found, initial)
+            problem = self._locate(found, initial, {})
         with timer("local"):
-            matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match)
-        if found.prompted is not None and config.guided.direction == "both":
+            again = found.prompted is not None and config.guided.direction == "both"
+            matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match, nodes=not again)
+        if again:
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
-                problem, matches = self._match(found, initial)
+                problem, matches = self._match(found, problem)
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
-                closer = self._regions.look_closer(found, matches, initial, lambda more: self._match(more, initial)[1])
+                before = problem
+                closer = self._regions.look_closer(
+                    found, matches, initial, lambda more: self._match(more, before, nodes=False)[1]
+                )
                 if closer is not found:
                     found = closer
-                    problem, matches = self._match(found, initial)
+                    problem, matches = self._match(found, before)
         with timer("verify"):
             matches = verified(problem, matches, matches, config.local_match)
             own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
@@ -141,6 +154,12 @@ class PairMatcher:
         with self.lock:
             return self._regions.alone(image, side)
 
+    def load(self) -> None:
+        """Loads the models, which the first call does else."""
+        with self.lock:
+            self._points.load()
+            self._regions.load()
+
     def segmenters(self) -> tuple[Segmenter, Segmenter]:
         """The segmenters of the left and the right image, loaded, for use in another matcher."""
         with self.lock:
@@ -152,17 +171,19 @@ class PairMatcher:
             self._points.load()
             return self._points
 
-    def _match(self, found: PairRegions, initial: InitialGeometry) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
-        """The matches of regions, and what they were decided from."""
-        problem = self._locate(found, initial)
-        return problem, match_polygons(problem, self.config.local_match)
+    def _match(
+        self, found: PairRegions, before: MatchProblem, nodes: bool = True
+    ) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
+        """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
+        problem = self._locate(found, before.initial, before.known)
+        return problem, match_polygons(problem, self.config.local_match, nodes)
 
-    def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
+    def _locate(self, found: PairRegions, initial: InitialGeometry, known: KnownOverlaps) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""
         config, polygons = self.config.global_match, found.polygons
         locations = locate(*found.images, polygons[0].centers, initial, config)
         candidates = search_candidates(*polygons, locations, config)
-        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior)
+        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior, known)
 
     def _with_reasons(self, sides: Sides, matches: Sequence[PolygonMatch], initial: InitialGeometry) -> Sides:
         """Both sides, with the reason why a polygon has no partner."""

@@ -31,16 +31,19 @@ def test_only_doubtful_pairs_need_agreement():
     asked = pairs((0, 0), (1, 0), (1, 0), (1, 0), (0, 2))
     overlap = np.array([0.36, 0.9, 0.49, 0.9, 0.6])
     agreement = np.array([0.0, 0.9, 0.9, CONFIG.min_agreement - 0.01, CONFIG.min_agreement])
-    assert list(guided_prior().accepts(asked, overlap, agreement, np.zeros(5, int))) == [True, True, False, False, True]
+    least = guided_prior().least_overlap(asked, agreement, np.zeros(5, int))
+    assert list(overlap >= least) == [True, True, False, False, True]
+    assert list(np.isinf(least)) == [False, False, False, True, False]
 
 
 def test_what_a_closer_look_found_must_fit_better_and_share_points():
     closer = np.array([True, False, False]), np.zeros(3, bool)
     detail = DetailConfig(min_overlap=0.6, min_points=1)
     asked = pairs((0, 0), (0, 0), (0, 0), (2, 0))
-    given = np.array([0.7, 0.59, 0.7, 0.5]), np.ones(4), np.array([1, 9, 0, 0])
+    overlap = np.array([0.7, 0.59, 0.7, 0.5])
     prior = dataclasses.replace(guided_prior(), closer=closer, detail=detail)
-    assert list(prior.accepts(asked, *given)) == [True, False, False, True]
+    least = prior.least_overlap(asked, np.ones(4), np.array([1, 9, 0, 0]))
+    assert list(overlap >= least) == [True, False, False, True]
 
 
 def test_found_by_asking():

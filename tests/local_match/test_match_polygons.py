@@ -210,3 +210,46 @@ def test_a_polygon_cut_by_the_border_matches_by_its_visible_part_and_says_so():
     (match,) = run(given, part, initial)
     assert match.overlap > 0.95
     assert match.visible == pytest.approx(0.4, abs=0.05)
+
+
+def test_a_later_round_knows_the_pairs_of_the_earlier_one(monkeypatch):
+    given, config = scene(NEAR, 4), PRESETS["default"]
+    initial = initial_geometry(given.points, config.global_match, config.seed)
+    known = {}
+
+    def problem(lefts, known):
+        left = PolygonArrays(given.polygons[0].polygons[:lefts])
+        locations = locate(*given.images, left.centers, initial, config.global_match)
+        candidates = search_candidates(left, given.polygons[1], locations, config.global_match)
+        return MatchProblem(given.images, (left, given.polygons[1]), initial, locations, candidates, None, known)
+
+    compared = []
+    compare = scoring.CandidateScorer._compared
+
+    def counted(own, pairs, *more):
+        compared.append(len(pairs))
+        return compare(own, pairs, *more)
+
+    monkeypatch.setattr(scoring.CandidateScorer, "_compared", counted)
+    match_polygons(problem(-6, known), config.local_match)
+    compared.clear()
+    again = match_polygons(problem(None, known), config.local_match)
+    some = sum(compared)
+    compared.clear()
+    fresh = match_polygons(problem(None, {}), config.local_match)
+    assert 0 < some < sum(compared) / 2
+    assert len(again) > 20
+    assert [(m.left, m.right, m.cost, m.overlap, m.visible, m.nodes.tobytes()) for m in again] == [
+        (m.left, m.right, m.cost, m.overlap, m.visible, m.nodes.tobytes()) for m in fresh
+    ]
+
+
+def test_matches_that_only_guide_have_no_homologous_vertices():
+    given = scene(NEAR, 5)
+    initial = initial_geometry(given.points, PAPER.global_match, PAPER.seed)
+    locations = locate(*given.images, given.polygons[0].centers, initial, PAPER.global_match)
+    candidates = search_candidates(*given.polygons, locations, PAPER.global_match)
+    problem = MatchProblem(given.images, given.polygons, initial, locations, candidates)
+    without = match_polygons(problem, PAPER.local_match, nodes=False)
+    assert pairs(without) == pairs(run(given))
+    assert {m.nodes.shape for m in without} == {(0, 2)}

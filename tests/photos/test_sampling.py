@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zpm2.photos.sampling import bilinear, pyramid
+from zpm2.model import Image
+from zpm2.photos.sampling import bilinear, levels, pyramid
 
 
 def blob(height, width, at, sigma):
@@ -61,3 +62,12 @@ def test_bilinear_at_pixel_centres_is_the_pixel():
     image = np.random.default_rng(0).uniform(0, 255, (7, 9)).astype(np.float32)
     grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(7.0)), axis=-1)
     assert np.array_equal(bilinear(image, grid), image)
+
+
+def test_the_levels_of_a_photograph_are_computed_once():
+    image = Image(np.random.default_rng(1).integers(0, 255, (70, 90, 3), np.uint8))
+    first = levels(image, 1, 2)
+    for found, expected in zip(levels(image, 3, 2), pyramid(image.gray, 3, 2), strict=True):
+        assert np.array_equal(found, expected)
+    assert levels(image, 1, 2)[1] is first[1]
+    assert np.array_equal(levels(image, 1, 3)[1], pyramid(image.gray, 1, 3)[1])

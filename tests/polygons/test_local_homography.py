@@ -194,3 +194,45 @@ def test_a_shape_whose_rings_cross_keeps_its_larger_part():
         (found,) = transform_polygons(arrays([ring]), np.array([0]), np.diag([2.0, 3, 1])[None])
         assert found.is_valid
         assert found.area == pytest.approx(5 * 2 * 3)
+
+
+def reference(points, point, group, prior, config):
+    """`fit_homographies`, one group and one pair of points after the other."""
+    found = []
+    for k, start in enumerate(prior):
+        x, u = points.left[point[group == k]], points.right[point[group == k]]
+        (x_mean, x_size), (u_mean, u_size) = (
+            (xy.mean(0), max(np.sqrt((xy - xy.mean(0)).var(0).sum()), 1)) for xy in (x, u)
+        )
+        x, u = (x - x_mean) / x_size, (u - u_mean) / u_size
+        to = np.array([[1 / x_size, 0, -x_mean[0] / x_size], [0, 1 / x_size, -x_mean[1] / x_size], [0, 0, 1]])
+        back = np.array([[u_size, 0, u_mean[0]], [0, u_size, u_mean[1]], [0, 0, 1]])
+        start = np.linalg.inv(back) @ start @ np.linalg.inv(to)
+        start = start / start[2, 2]
+        held = np.array([config.affine_prior] * 6 + [config.projective_prior] * 2) + 1e-9
+        held[[2, 5]] = 1e-9
+        h = start
+        for iteration in range(config.iterations):
+            p = geometry.homogeneous(x) @ h.T
+            depth = np.maximum(p[:, 2], 1e-3)
+            residual = np.linalg.norm(p[:, :2] / depth[:, None] - u, axis=1) * u_size
+            wide = iteration < config.wide_iterations
+            scale = max(config.residual, np.sort(residual)[(len(x) - 1) // 2] if wide else 0)
+            weight = 1 / (1 + (residual / scale) ** 2) / depth**2
+            normal, target = np.diag(held), held * start.ravel()[:8]
+            for (a, b), (c, d), w in zip(x, u, weight, strict=True):
+                for row, value in (([a, b, 1, 0, 0, 0, -c * a, -c * b], c), ([0, 0, 0, a, b, 1, -d * a, -d * b], d)):
+                    normal = normal + w * np.outer(row, row)
+                    target = target + w * np.array(row) * value
+            h = np.append(np.linalg.solve(normal, target), 1).reshape(3, 3)
+        found.append(back @ h @ to)
+    return np.array(found)
+
+
+@given(seeds, st.integers(1, 20))
+@settings(max_examples=10, deadline=None)
+def test_all_groups_at_once_are_as_one_after_the_other(seed, count):
+    _, prior, left, right, group = regions(seed, count)
+    noisy = right + np.random.default_rng(seed).normal(0, 1.0, right.shape)
+    asked = PointMatches(left, noisy, np.ones(len(left))), np.arange(len(left)), group, prior, HomographyConfig()
+    np.testing.assert_allclose(fit_homographies(*asked), reference(*asked), rtol=1e-6, atol=1e-6)

@@ -1,5 +1,8 @@
 """Polygons carried by points of known geometry."""
 
+import dataclasses
+import pickle
+
 import numpy as np
 import pytest
 import shapely
@@ -11,9 +14,10 @@ from zpm2 import geometry
 from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
-from zpm2.model import PointMatches
+from zpm2.model import PointMatches, PolygonArrays
+from zpm2.polygons import local_homography
 from zpm2.polygons.overlap import iou
-from zpm2.polygons.warp import warp_by_points
+from zpm2.polygons.warp import WarpingPoints, warp_by_points
 
 CONFIG = LocalConfig(gamma=8)
 H = np.array([[0.9, 0.1, 30.0], [-0.1, 1.1, 5.0], [1e-4, -5e-5, 1.0]])
@@ -116,3 +120,41 @@ def test_backwards_undoes_forwards():
     )
     assert len(initial.forward()[0]) == len(initial.backward()[0]) == consistent.sum()
     assert iou(back.shapes, polygons.shapes).min() > 0.99
+
+
+def test_a_polygon_is_warped_once_and_alone_as_among_others(monkeypatch):
+    rng = np.random.default_rng(7)
+    polygons, known = some_polygons(rng, 20), points(rng.uniform(0, 500, (900, 2)))
+    whole = warp_by_points(polygons, known, H, CONFIG)
+    kept = WarpingPoints.of(known)
+    warp_by_points(PolygonArrays(polygons.polygons[3:9]), kept, H, CONFIG)
+    again = warp_by_points(polygons, kept, H, CONFIG)
+    assert again.maps.tobytes() == whole.maps.tobytes()
+    assert shapely.to_wkb(again.shapes).tolist() == shapely.to_wkb(whole.shapes).tolist()
+    assert again.own.tolist() == whole.own.tolist()
+    monkeypatch.setattr(local_homography, "fit_homographies", None)
+    renumbered = PolygonArrays([dataclasses.replace(p, id=p.id + 7, parent=1) for p in polygons.polygons])
+    assert warp_by_points(renumbered, kept, H, CONFIG).maps.tobytes() == whole.maps.tobytes()
+
+
+def test_another_geometry_or_configuration_warps_again():
+    rng = np.random.default_rng(8)
+    polygons, kept = some_polygons(rng), WarpingPoints.of(points(rng.uniform(0, 500, (40, 2))))
+    first = warp_by_points(polygons, kept, Failed("none"), CONFIG)
+    assert (warp_by_points(polygons, kept, H, CONFIG).maps != first.maps).any()
+    few = LocalConfig(gamma=8, nearest_points=1)
+    fresh = warp_by_points(polygons, points(kept.left), Failed("none"), few)
+    assert warp_by_points(polygons, kept, Failed("none"), few).maps.tobytes() == fresh.maps.tobytes()
+
+
+def test_copies_of_points_know_nothing():
+    rng = np.random.default_rng(9)
+    polygons, kept = some_polygons(rng), WarpingPoints.of(points(rng.uniform(0, 500, (40, 2))))
+    warp_by_points(polygons, kept, H, CONFIG)
+    moved = dataclasses.replace(kept, right=kept.right + 5.0)
+    for copied in (pickle.loads(pickle.dumps(kept)), moved):
+        assert not copied.known
+        assert np.array_equal(copied.left, kept.left)
+    assert not np.allclose(
+        warp_by_points(polygons, moved, H, CONFIG).maps, warp_by_points(polygons, kept, H, CONFIG).maps
+    )

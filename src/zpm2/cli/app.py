@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import carry, cloud, config, demo, doctor, link, match, models, pose, reconstruct, weights
+from zpm2.cli import bench, carry, cloud, config, demo, doctor, link, match, models, pose, reconstruct, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -35,6 +35,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "models": models.models,
     "weights": weights.app,
     "doctor": doctor.doctor,
+    "bench": bench.bench,
 }
 
 CLASSES = {"eval": evaluation.EvalCommand}  # of commands whose help is made when it is asked for

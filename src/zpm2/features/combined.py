@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.features.protocol import PointMatcher
+from zpm2.features.protocol import PointMatcher, SparseMatcher
 from zpm2.model import Image, PointMatches
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.runtime import check_not_forked
 
 
@@ -30,8 +31,17 @@ class CombinedMatcher:
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`. Ordered by method, then as the method gives them."""
+        return self.match_kept(left, right, NOTHING_KEPT)
+
+    def match_kept(self, left: Image, right: Image, kept: KeptPhotos) -> PointMatches:
+        """The same, with the features of photographs that are `kept`, of matchers that look at each one alone."""
         check_not_forked()
-        return self._joined([m.match(left, right) for m in self.matchers])
+        return self._joined(
+            [
+                m.match_kept(left, right, kept) if isinstance(m, SparseMatcher) else m.match(left, right)
+                for m in self.matchers
+            ]
+        )
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.model import Image, PointMatches
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 
 
 class PointMatcher(Protocol):
@@ -72,7 +73,14 @@ class SparseMatcher:
 
     def match(self, left: Image, right: Image) -> PointMatches:
         """See `PointMatcher.match`."""
-        return self._pair(*self.detector.detect([left]), *self.detector.detect([right]))
+        return self.match_kept(left, right, NOTHING_KEPT)
+
+    def match_kept(self, left: Image, right: Image, kept: KeptPhotos) -> PointMatches:
+        """The same, with the features of photographs that are `kept`."""
+        return self._pair(self._features(left, kept), self._features(right, kept))
+
+    def _features(self, image: Image, kept: KeptPhotos) -> Features:
+        return kept.found(image, (self.name, id(self)), lambda: self.detector.detect([image])[0])
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""

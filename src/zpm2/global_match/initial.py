@@ -12,6 +12,9 @@ from zpm2.config import ChanceConfig, GlobalConfig
 from zpm2.errors import Failed
 from zpm2.global_match.chance import is_mirrored, log_chance, same_scene
 from zpm2.model import Image, PointMatches
+from zpm2.polygons.warp import WarpingPoints
+
+Warping = tuple[WarpingPoints, NDArray[np.float64] | Failed]  # points, and H
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +47,23 @@ class InitialGeometry:
         linear = geometry.homography_jacobian(self.homography, centers)
         return PriorLocations(geometry.project(self.homography, centers), linear)
 
-    def forward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
+    def forward(self) -> Warping:
         """The points that agree with F, and H, from left to right: what `polygons.warp` warps left polygons by."""
-        return self.points[self.consistent], self.homography
+        return self._forward
 
-    def backward(self) -> tuple[PointMatches, NDArray[np.float64] | Failed]:
+    def backward(self) -> Warping:
         """The same from right to left."""
-        points, homography = self.forward()
+        return self._backward
+
+    @cached_property
+    def _forward(self) -> Warping:
+        return WarpingPoints.of(self.points[self.consistent]), self.homography
+
+    @cached_property
+    def _backward(self) -> Warping:
+        points, homography = self._forward
         inverse = homography if isinstance(homography, Failed) else np.asarray(np.linalg.inv(homography), np.float64)
-        return PointMatches(points.right, points.left, points.score), inverse
+        return WarpingPoints(points.right, points.left, points.score), inverse
 
     @property
     def agreeing(self) -> int:

@@ -17,13 +17,14 @@ from zpm2.config import Config, EscalateConfig
 from zpm2.config.points import OWN, parts_of_search
 from zpm2.errors import MissingDependency, WeightsError
 from zpm2.features import METHODS, PointMatcher
-from zpm2.features.combined import distinct
+from zpm2.features.combined import CombinedMatcher, distinct
 from zpm2.features.views import to_originals, view
 from zpm2.global_match.coarse import Hint, Images, apart, hints
 from zpm2.global_match.initial import InitialGeometry, initial_geometry, points_with_data
 from zpm2.model import Image, PointMatches, thin
 from zpm2.model.messages import Note
-from zpm2.runtime import StageTimer
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
+from zpm2.runtime import ForkAwareLock, StageTimer
 from zpm2.weights import Progress
 
 CELLS = 8  # along each side of a photograph, in which the spread of points is counted
@@ -56,6 +57,7 @@ class PointFinder:
         self.config, self.device, self.progress, self.say = config, device, progress, say
         self._matcher, self._given = matcher, matcher is not None
         self._opened: dict[tuple[str, int], PointMatcher | str] = {}  # or why it takes no part
+        self._lock = ForkAwareLock()  # networks use the whole device, so threads take turns
         for search in config.points.escalate.searches if config.points.escalate.on else ():
             if (method := parts_of_search(search)[0]) != OWN:
                 METHODS.get(method)
@@ -66,16 +68,22 @@ class PointFinder:
             self._matcher = features.create(self.config.points, self.device, progress=self.progress)
         return self._matcher
 
-    def __call__(self, images: Images, timer: StageTimer) -> PairPoints:
-        """The points of two photographs. `timer` receives the stage "points" and, for further looks, "escalate"."""
+    def __call__(self, images: Images, timer: StageTimer, kept: KeptPhotos = NOTHING_KEPT) -> PairPoints:
+        """The points of two photographs. `timer` receives the stage "points" and, for further looks, "escalate".
+        Features of photographs that are `kept` are not looked for again."""
         matcher, config = self.load(), self.config.points.escalate
         with timer("points"):
-            initial = self._geometry(points_with_data(matcher.match(*images), images))
+            with self._lock:
+                if isinstance(matcher, CombinedMatcher):
+                    points = matcher.match_kept(*images, kept)
+                else:
+                    points = matcher.match(*images)
+            initial = self._geometry(points_with_data(points, images))
         once = self._given or not config.on or any(thin(image.width, image.height) for image in images)
         if once or is_safe(initial, images, config):
             return PairPoints(initial, [])
         self.say(f"{initial.agreeing} of {len(initial.points)} points agree on one geometry: looking again")
-        with timer("escalate"):
+        with timer("escalate"), self._lock:
             return self._again(images, initial)
 
     def _again(self, images: Images, first: InitialGeometry) -> PairPoints:

@@ -29,7 +29,8 @@ from zpm2.config import GlobalConfig
 from zpm2.errors import Failed
 from zpm2.global_match.initial import InitialGeometry, PriorLocations
 from zpm2.model import Image
-from zpm2.photos.sampling import bilinear, pyramid
+from zpm2.photos import sampling
+from zpm2.photos.sampling import bilinear
 
 Array = NDArray[np.float64]
 CORRELATION_CHUNK = 64  # polygons at a time: more do not fit into the processor's cache
@@ -83,7 +84,7 @@ def locate(
     if config.search == "fixed":
         return PyramidLocations(predicted, found, correlation, outside, prior)
     levels = level_count(left.width, left.height, config)
-    left_levels, right_levels = (pyramid(image.gray, levels, config.factor) for image in (left, right))
+    left_levels, right_levels = (sampling.levels(image, levels, config.factor) for image in (left, right))
     lines = None
     if not isinstance(initial.fundamental, Failed):
         lines = geometry.epipolar_lines(initial.fundamental, centers)

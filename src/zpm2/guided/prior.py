@@ -28,22 +28,23 @@ class GuidedPrior:
         i, j = shapely.STRtree(right.shapes).query(self.warped.shapes, predicate="intersects")
         return Candidates.of(np.append(known.left, i), np.append(known.right, j))
 
-    def accepts(
-        self,
-        pairs: Candidates,
-        overlap: NDArray[np.float64],
-        agreement: NDArray[np.float64],
-        dsf: NDArray[np.int64],
-    ) -> NDArray[np.bool_]:
-        """(c,) whether a pair may match: both polygons are confident, or its overlap (IoU) and the agreement of its
-        points (`CandidateScores`) are high enough. What a closer look found must fit better, and share points."""
+    def least_overlap(
+        self, pairs: Candidates, agreement: NDArray[np.float64], dsf: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(c,) the overlap (IoU) from which a pair may match; infinite for one that never may.
+
+        Both polygons are confident, or the overlap and the `agreement` of its points (`CandidateScores`) are high
+        enough. What a closer look found must fit better, and share points.
+        """
+        config, detail = self.config, self.detail
         confident = self.confident[0][pairs.left] & self.confident[1][pairs.right]
-        agrees = (overlap >= self.config.min_match_overlap) & (agreement >= self.config.min_agreement)
+        agreeing = np.where(agreement >= config.min_agreement, config.min_match_overlap, np.inf)
+        least = np.where(confident, 0.0, agreeing)
         if self.closer is None:
-            return np.asarray(confident | agrees)
+            return least
         closer = self.closer[0][pairs.left] | self.closer[1][pairs.right]
-        fits = (overlap >= self.detail.min_overlap) & (dsf >= self.detail.min_points)
-        return np.asarray((confident | agrees) & (fits | ~closer))
+        fits = np.where(dsf >= detail.min_points, detail.min_overlap, np.inf)
+        return np.where(closer, np.maximum(least, fits), least)
 
     def is_guided(self, pairs: Candidates) -> NDArray[np.bool_]:
         """(c,) whether one of a pair's polygons was found by prompting with the other image's."""

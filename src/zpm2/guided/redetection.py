@@ -84,16 +84,24 @@ class AcceptedMasks:
     overlap: Array  # (n,) IoU with the warped polygon, 0..1
 
 
+def everything(view: PromptedView, config: Config, progress: Callable[[float], None] = lambda _: None) -> ViewRegions:
+    """Segments everything in an image, alone."""
+    found = automatic.automatic_masks(view, config.segment, loose_thresholds(config), progress=progress)
+    return view_regions(view, found, config, 0)
+
+
 def detect(
     views: tuple[PromptedView, PromptedView],
     initial: InitialGeometry,
     config: Config,
     progress: Callable[[float], None] = lambda _: None,
+    left: ViewRegions | None = None,
 ) -> PromptedPair:
-    """Segments everything in the left image, prompts the right image with its polygons, and segments the rest there."""
+    """Segments everything in the left image, prompts the right image with its polygons, and segments the rest there.
+    `left` is everything in the left image, where that is known."""
     segment, loose = config.segment, loose_thresholds(config)
-    found = automatic.automatic_masks(views[0], segment, loose, progress=lambda share: progress(share / 2))
-    left = view_regions(views[0], found, config, 0)
+    if left is None:
+        left = everything(views[0], config, lambda share: progress(share / 2))
     accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
     known = automatic.without_duplicates(accepted.predictions, accepted.overlap, segment, views[1])
     found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))

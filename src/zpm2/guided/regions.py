@@ -11,10 +11,11 @@ from zpm2.guided import detail, redetection
 from zpm2.guided.prior import GuidedPrior
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import about
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
-from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
+from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +72,12 @@ class RegionFinder:
             self._segmenters = (made, made)
         return self._segmenters
 
-    def detect(self, images: tuple[Image, Image], initial: InitialGeometry | None = None) -> "PairRegions":
+    def detect(
+        self, images: tuple[Image, Image], initial: InitialGeometry | None = None, kept: KeptPhotos = NOTHING_KEPT
+    ) -> "PairRegions":
         """The polygons of both images. The right image is guided by the left one if there is `initial` geometry, the
-        configuration says so and the segmenter takes prompts; else each image is segmented alone."""
+        configuration says so and the segmenter takes prompts; else each image is segmented alone. What a photograph
+        that is `kept` shows alone is not looked for again."""
         segmenters, why_not, no_detail = self.load(), None, "it needs guided re-detection"
         if initial is not None and self.config.guided.direction != "off":
             prompted = [segmenter for segmenter in segmenters if isinstance(segmenter, PromptedSegmenter)]
@@ -84,8 +88,13 @@ class RegionFinder:
             elif not initial.supported:
                 why_not = "no geometry for guided re-detection: each image was segmented alone"
             else:
-                left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
-                pair = redetection.detect((left, right), initial, self.config, self._share)
+                left, right = (_view(segmenter, image, kept) for segmenter, image in zip(prompted, images, strict=True))
+                known = kept.found(
+                    images[0],
+                    ("everything", id(prompted[0])),
+                    lambda: redetection.everything(left, self.config, lambda share: self._share(share / 2)),
+                )
+                pair = redetection.detect((left, right), initial, self.config, self._share, known)
                 return self._guided(images, pair, initial)
         self._sides_done = 0
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
@@ -159,6 +168,10 @@ class RegionFinder:
             found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, notes_of(segmenter)
+
+
+def _view(segmenter: PromptedSegmenter, image: Image, kept: KeptPhotos) -> PromptedView:
+    return kept.found(image, ("view", id(segmenter)), lambda: segmenter.view(image))
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:

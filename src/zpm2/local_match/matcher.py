@@ -16,7 +16,7 @@ from zpm2.local_match.scoring import CandidateScorer, CandidateScores
 from zpm2.model import PolygonMatch, Stage
 
 
-def match_polygons(problem: MatchProblem, config: LocalConfig) -> list[PolygonMatch]:
+def match_polygons(problem: MatchProblem, config: LocalConfig, nodes: bool = True) -> list[PolygonMatch]:
     """One-to-one matches between the left and right polygons, in ascending order of left id.
 
     The first round assigns the candidates of the pyramid (`stage` "global"). The second round tries new pairs of
@@ -24,11 +24,12 @@ def match_polygons(problem: MatchProblem, config: LocalConfig) -> list[PolygonMa
     left one would be if it moved like its matched neighbours ("local", 3.4: re-matching of what the global stage could
     not resolve). With a `guided_prior`, right polygons that touch a warped left one are also candidates of the first
     round. A match with a polygon that was found by prompting is "guided". `confidence` is 0 until `verify` has seen
-    the matches.
+    the matches. Without `nodes` they lack homologous vertices, which take as long as the scores: for matches that only
+    guide a further detection.
     """
     matches = []
     for scorer, scores, chosen, stage in _rounds(problem, config):
-        matches += _as_matches(scorer, scores, chosen, stage)
+        matches += _as_matches(scorer, scores, chosen, stage, nodes)
     return sorted(matches, key=lambda match: match.left)
 
 
@@ -104,12 +105,14 @@ def _second_round(scorer: CandidateScorer, matched: Candidates) -> CandidateScor
 
 
 def _as_matches(
-    scorer: CandidateScorer, scores: CandidateScores, rows: NDArray[np.int64], stage: Stage
+    scorer: CandidateScorer, scores: CandidateScores, rows: NDArray[np.int64], stage: Stage, with_nodes: bool = True
 ) -> list[PolygonMatch]:
     if len(rows) == 0:
         return []
     i, j = scores.pairs.left[rows], scores.pairs.right[rows]
-    nodes, prior = scorer.nodes(scores, rows), scorer.guided_prior
+    prior, nodes = scorer.guided_prior, [np.zeros((0, 2), np.int64)] * len(rows)
+    if with_nodes:
+        nodes = scorer.nodes(scores, rows)
     guided = np.zeros(len(rows), bool) if prior is None else prior.is_guided(scores.pairs[rows])
     return [
         PolygonMatch(

@@ -1,10 +1,15 @@
 """The input of the local matcher."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import shapely
 
 from zpm2.global_match import Candidates, InitialGeometry, PyramidLocations
 from zpm2.guided.prior import GuidedPrior
 from zpm2.model import Image, PolygonArrays
+from zpm2.polygons.once import Known
+
+KnownOverlaps = Known[tuple[shapely.Geometry, float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,3 +22,5 @@ class MatchProblem:
     locations: PyramidLocations  # of the left polygons in the right image
     candidates: Candidates
     guided_prior: GuidedPrior | None = None  # where guided re-detection found the polygons
+    # How pairs overlap: of problems that share it, images, points and configuration must be the same
+    known: KnownOverlaps = field(default_factory=dict)

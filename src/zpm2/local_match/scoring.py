@@ -1,5 +1,6 @@
 """Scores of candidate pairs: overlap, shape, shared points, texture, and the resulting cost (paper 3.4.1, 3.4.2)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,6 +13,7 @@ from zpm2.local_match import assignment, shape, texture
 from zpm2.local_match.problem import MatchProblem
 from zpm2.local_match.shared_points import shared_points
 from zpm2.polygons import local_homography
+from zpm2.polygons.once import as_objects, each_once, identity, vertices
 from zpm2.polygons.overlap import iou
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.visible import co_visible
@@ -61,18 +63,15 @@ class CandidateScorer:
         The constraint (the indicator I(G_i = G_j) of 3.1): a left polygon that hardly overlaps its candidate after
         rectification is not where the candidate is, however alike they look.
         """
-        config = self.config
-        at, dsf = self.shared_points.at(pairs), self.shared_points.counts_of(pairs)
-        maps = self._maps(pairs, at, dsf, locations)
-        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf)
-        agreement = self.shared_points.agreement(pairs)
-        if self.guided_prior is not None:  # a second hypothesis; the one with more overlap counts
-            warped = self.guided_prior.warped
-            found = found.or_better(self._overlaps(pairs, warped.shapes[pairs.left], warped.maps[pairs.left], dsf))
-        near = found.overlap >= config.min_overlap
-        if self.guided_prior is not None:
-            near &= self.guided_prior.accepts(pairs, found.overlap, agreement, dsf)
-        rows = np.flatnonzero(near)
+        config, prior = self.config, self.guided_prior
+        dsf, agreement = self.shared_points.counts_of(pairs), self.shared_points.agreement(pairs)
+        least = np.full(len(pairs), config.min_overlap)
+        if prior is not None:
+            least = np.maximum(least, prior.least_overlap(pairs, agreement, dsf))
+            rows = np.flatnonzero(np.isfinite(least))
+            pairs, dsf, agreement, least = pairs[rows], dsf[rows], agreement[rows], least[rows]
+        found = self._compared_once(pairs, locations, dsf, least)
+        rows = np.flatnonzero(found.overlap >= least)
         pairs, dsf, agreement, found = pairs[rows], dsf[rows], agreement[rows], found[rows]
         psi = found.overlap if config.shape == "overlap" else found.area * self._graph(found.rectified, pairs)[0]
         r = texture.correlation(self.patches, pairs, config.min_contrast)
@@ -85,11 +84,43 @@ class CandidateScorer:
         """The homologous vertices (k, 2) of each of the pairs `rows`."""
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
 
+    def _compared_once(
+        self, pairs: Candidates, locations: PyramidLocations, dsf: NDArray[np.int64], least: Array
+    ) -> "_Overlaps":
+        """How the pairs overlap; those of earlier problems of the same images are known."""
+        lefts, rights = (
+            [side.polygons[k] for k in of] for side, of in ((self.left, pairs.left), (self.right, pairs.right))
+        )
+        keys = [
+            (*identity(left), *identity(right), place.tobytes(), limit)
+            for left, right, place, limit in zip(
+                lefts, rights, locations.maps(self.left.centers, pairs.left), least.tolist(), strict=True
+            )
+        ]
+        found = each_once(
+            self.problem.known,
+            keys,
+            lambda row: (vertices(lefts[row]), vertices(rights[row])),
+            lambda rows: self._compared(pairs[rows], locations, dsf[rows], least[rows]).rows(),
+        )
+        return _Overlaps.of(found)
+
+    def _compared(
+        self, pairs: Candidates, locations: PyramidLocations, dsf: NDArray[np.int64], least: Array
+    ) -> "_Overlaps":
+        maps = self._maps(pairs, self.shared_points.at(pairs), dsf, locations)
+        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf, least)
+        if self.guided_prior is None:
+            return found
+        warped, of = self.guided_prior.warped, pairs.left  # a second hypothesis; the one with more overlap counts
+        return found.or_better(self._overlaps(pairs, warped.shapes[of], warped.maps[of], dsf, least))
+
     def _overlaps(
-        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64]
+        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64], least: Array
     ) -> "_Overlaps":
         """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or, with enough shared
-        points, over what both photographs can show (`config.visible`)."""
+        points, over what both photographs can show (`config.visible`). Pairs that cannot overlap by `least` (c,) have
+        an overlap of 0."""
         right, limits = self.right.shapes[pairs.right], self.config.visible
         areas = shapely.area(rectified), shapely.area(right)
         own, other, visible = rectified.copy(), right.copy(), np.ones(len(pairs))
@@ -102,7 +133,7 @@ class CandidateScorer:
             )
             shares = [shapely.area(part) / np.maximum(a, 1e-300) for part, a in zip((own, other), areas, strict=True)]
             visible[known] = np.minimum(*shares)[known].clip(0, 1)
-        overlap = np.where(visible >= limits.min_share, iou(own, other), 0.0)
+        overlap = np.where(visible >= limits.min_share, iou(own, other, least), 0.0)
         return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
 
     def _maps(
@@ -148,6 +179,16 @@ class _Overlaps:
 
     def __getitem__(self, rows: NDArray[np.intp]) -> "_Overlaps":
         return _Overlaps(self.rectified[rows], self.overlap[rows], self.area[rows], self.visible[rows])
+
+    def rows(self) -> list[tuple[shapely.Geometry, float, float, float]]:
+        """The members of each pair."""
+        return list(zip(self.rectified, self.overlap, self.area, self.visible, strict=True))
+
+    @staticmethod
+    def of(rows: Sequence[tuple[shapely.Geometry, float, float, float]]) -> "_Overlaps":
+        """The pairs of which these are the `rows`."""
+        rectified, *numbers = zip(*rows, strict=True) if rows else ((), (), (), ())
+        return _Overlaps(as_objects(rectified), *(np.array(each, np.float64) for each in numbers))
 
     def or_better(self, other: "_Overlaps") -> "_Overlaps":
         """Of each pair what overlaps more."""

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from zpm2.global_match import Candidates
 from zpm2.model import Image
-from zpm2.photos.sampling import bilinear, pyramid
+from zpm2.photos.sampling import bilinear, levels
 from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
@@ -31,32 +31,31 @@ class TexturePatches:
         self.values = np.zeros((n, size * size), np.float32)
         self.inside = np.zeros((n, size * size), bool)
         usable = np.flatnonzero(~shapely.is_empty(frames))
-        levels = [image.gray]  # each half the size of the one before
         for start in range(0, len(usable), PATCH_CHUNK):
             rows = usable[start : start + PATCH_CHUNK]
-            self._sample(rows, frames[rows], to_image[rows], levels)
+            self._sample(rows, frames[rows], to_image[rows], image)
 
-    def _sample(
-        self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, levels: list[NDArray[np.float32]]
-    ) -> None:
-        size, (height, width) = self.size, levels[0].shape
+    def _sample(self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, image: Image) -> None:
+        size, width, height = self.size, image.width, image.height
         x0, y0, x1, y1 = shapely.bounds(frames).T
         t = (np.arange(size) + 0.5) / size
         x = np.broadcast_to((x0[:, None] + (x1 - x0)[:, None] * t)[:, None, :], (len(rows), size, size))
         y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(rows), size, size))
-        homogeneous = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(len(rows), -1, 3)
-        mapped = homogeneous @ to_image.transpose(0, 2, 1)
-        depth = mapped[..., 2:]
-        seen = depth[..., 0] > 1e-9
-        at = mapped[..., :2] / np.where(depth > 1e-9, depth, 1.0)
-        seen &= (at >= 0).all(-1) & (at[..., 0] <= width) & (at[..., 1] <= height)
-        spread = np.nan_to_num(np.ptp(at, axis=1).max(1) / size, nan=1.0, posinf=1.0)
+        at = np.stack([x, y], axis=-1).reshape(len(rows), -1, 2)
+        seen = np.ones(at.shape[:2], bool)
+        if (to_image != np.eye(3)).any():
+            mapped = np.concatenate([at, np.ones((*at.shape[:2], 1))], axis=2) @ to_image.transpose(0, 2, 1)
+            depth = mapped[..., 2]
+            seen = depth > 1e-9
+            at = mapped[..., :2] / np.where(seen, depth, 1.0)[..., None]
+        column, row = at[..., 0], at[..., 1]  # by coordinate, which is faster than along an axis of two
+        seen &= (column >= 0) & (row >= 0) & (column <= width) & (row <= height)
+        extent = np.maximum(np.ptp(column, axis=1), np.ptp(row, axis=1))
+        spread = np.nan_to_num(extent / size, nan=1.0, posinf=1.0)
         level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, self.max_halvings).astype(int)
         for k in np.unique(level):
-            while len(levels) <= k:
-                levels.append(pyramid(levels[-1], 1, 2)[1])
             of = level == k
-            self.values[rows[of]] = bilinear(levels[k], at[of] / 2.0**k - 0.5)
+            self.values[rows[of]] = bilinear(levels(image, k, 2)[k], at[of] / 2.0**k - 0.5)
         self.inside[rows] = seen & self._coverage(frames, x0, y0, x1, y1)
 
     def _coverage(self, frames: NDArray[np.object_], x0: Array, y0: Array, x1: Array, y1: Array) -> NDArray[np.bool_]:

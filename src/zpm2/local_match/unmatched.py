@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zpm2.config import LocalConfig
 from zpm2.model import ImagePolygons, Polygon, PolygonArrays, PolygonMatch
-from zpm2.polygons.overlap import iou
+from zpm2.polygons.overlap import iou, shared_box
 from zpm2.polygons.warp import WarpedPolygons
 
 Reason = Literal["outside overlap", "occluded", "no candidate", "rejected"]
@@ -69,7 +69,7 @@ def unmatched_reasons(
     shapes = warped.shapes[unmatched]
     known = ~shapely.is_empty(shapes)
     i, j = shapely.STRtree(others.shapes).query(shapes, predicate="intersects")
-    overlap = iou(shapes[i], others.shapes[j])
+    overlap = iou(shapes[i], others.shapes[j], config.min_overlap)
     candidate = np.zeros(len(unmatched), bool)
     candidate[i[overlap >= config.min_overlap]] = True
     back = np.full(len(others), -1, np.int64)
@@ -117,9 +117,13 @@ def _from_elsewhere(
 ) -> NDArray[np.bool_]:
     """(c,) whether polygon `partners[k]` (-1: there is none) lies beside polygon `rows[k]` of the same photograph."""
     found = partners >= 0
-    own, theirs = polygons.shapes[rows[found]], polygons.shapes[partners[found]]
-    common = shapely.area(shapely.intersection(own, theirs))
-    found[found] = common <= max_shared * np.minimum(shapely.area(own), shapely.area(theirs))
+    own, theirs = rows[found], partners[found]
+    most = max_shared * np.minimum(polygons.areas[own], polygons.areas[theirs])
+    beside = shared_box(polygons.bounds[own], polygons.bounds[theirs]) <= most
+    near = np.flatnonzero(~beside)
+    common = shapely.intersection(polygons.shapes[own[near]], polygons.shapes[theirs[near]])
+    beside[near] = shapely.area(common) <= most[near]
+    found[found] = beside
     return np.asarray(found)
 
 

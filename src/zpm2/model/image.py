@@ -41,6 +41,11 @@ class Image:
         weights = np.array([0.299, 0.587, 0.114], np.float32)
         return self.rgb.astype(np.float32) @ weights
 
+    @cached_property
+    def levels(self) -> dict[int, list[NDArray[np.float32]]]:
+        """By factor, the levels of its Gaussian pyramids that are known (`photos.sampling.levels`)."""
+        return {}
+
 
 def thin(width: int, height: int) -> bool:
     """Whether an image is so thin that it shows nothing when it is reduced to fit into a network's input."""

@@ -8,6 +8,24 @@ from zpm2.config import HomographyConfig
 from zpm2.model import PointMatches
 
 Array = NDArray[np.float64]
+# A point pair gives two equations of the 8 unknowns, with coefficients (x, y, 1, 0, 0, 0, -u x, -u y) for u and
+# (0, 0, 0, x, y, 1, -v x, -v y) for v. Of the 8 x 8 products of coefficients, summed over both, many are equal or 0.
+# Where each is among `_products`, and those of the coefficients with u and v:
+SQUARE = np.array(
+    [
+        [0, 1, 2, 0, 0, 0, 6, 7],
+        [1, 3, 4, 0, 0, 0, 8, 9],
+        [2, 4, 5, 0, 0, 0, 10, 11],
+        [0, 0, 0, 0, 1, 2, 12, 13],
+        [0, 0, 0, 1, 3, 4, 14, 15],
+        [0, 0, 0, 2, 4, 5, 16, 17],
+        [6, 8, 10, 12, 14, 16, 18, 19],
+        [7, 9, 11, 13, 15, 17, 19, 20],
+    ]
+)
+IN_SQUARE = np.ones((8, 8))
+IN_SQUARE[:3, 3:6] = IN_SQUARE[3:6, :3] = 0.0
+TARGET = np.arange(21, 29)
 
 
 def fit_homographies(
@@ -32,9 +50,7 @@ def fit_homographies(
     start = (start / start[:, 2:, 2:]).reshape(g, 9)[:, :8]
     affine, projective = config.affine_prior, config.projective_prior
     weight_of_prior = np.array([affine, affine, 0, affine, affine, 0, projective, projective]) + 1e-9  # never singular
-    zero, one = np.zeros(len(x)), np.ones(len(x))
-    rows_u = np.stack([x[:, 0], x[:, 1], one, zero, zero, zero, -u[:, 0] * x[:, 0], -u[:, 0] * x[:, 1]], axis=1)
-    rows_v = np.stack([zero, zero, zero, x[:, 0], x[:, 1], one, -u[:, 1] * x[:, 0], -u[:, 1] * x[:, 1]], axis=1)
+    products = _products(x, u)
     matrices = np.concatenate([start, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
     for iteration in range(config.iterations):
         mapped = np.einsum("kij,kj->ki", matrices[group], geometry.homogeneous(x))
@@ -44,13 +60,23 @@ def fit_homographies(
         if iteration < config.wide_iterations:
             scale = np.maximum(scale, _group_median(residual, group, first, count))[group]
         weight = 1.0 / (1.0 + (residual / scale) ** 2) / depth**2
-        square = weight[:, None, None] * (rows_u[:, :, None] * rows_u[:, None] + rows_v[:, :, None] * rows_v[:, None])
-        right_side = weight[:, None] * (rows_u * u[:, :1] + rows_v * u[:, 1:])
-        normal = np.add.reduceat(square, first, axis=0) + np.diag(weight_of_prior)
-        target = np.add.reduceat(right_side, first, axis=0) + weight_of_prior * start
+        sums = np.add.reduceat(weight * products, first, axis=1).T
+        normal = sums[:, SQUARE] * IN_SQUARE + np.diag(weight_of_prior)
+        target = sums[:, TARGET] + weight_of_prior * start
         solution = np.linalg.solve(normal, target[:, :, None])[:, :, 0]
         matrices = np.concatenate([solution, np.ones((g, 1))], axis=1).reshape(g, 3, 3)
     return np.asarray(from_right @ matrices @ to_left)
+
+
+def _products(x: Array, u: Array) -> Array:
+    """(29, k) the products of coefficients that `SQUARE` and `TARGET` name, of (k, 2) points `x` and `u`."""
+    (x, y), (u, v), one = x.T, u.T, np.ones(len(x))
+    ux, uy, vx, vy = -u * x, -u * y, -v * x, -v * y
+    own = [x * x, x * y, x, y * y, y, one]
+    with_u = [x * ux, x * uy, y * ux, y * uy, ux, uy]
+    with_v = [x * vx, x * vy, y * vx, y * vy, vx, vy]
+    both = [ux * ux + vx * vx, ux * uy + vx * vy, uy * uy + vy * vy]
+    return np.stack([*own, *with_u, *with_v, *both, x * u, y * u, u, x * v, y * v, v, ux * u + vx * v, uy * u + vy * v])
 
 
 def _normalise(

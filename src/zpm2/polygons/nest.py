@@ -8,6 +8,7 @@ import shapely
 
 from zpm2.config import VectorizeConfig
 from zpm2.model import Polygon
+from zpm2.polygons.overlap import shared_box
 
 
 def with_parents(polygons: Sequence[Polygon], config: VectorizeConfig) -> list[Polygon]:
@@ -22,8 +23,8 @@ def with_parents(polygons: Sequence[Polygon], config: VectorizeConfig) -> list[P
     areas = shapely.area(shapes)
     child, parent = shapely.STRtree(shapes).query(shapes)
     boxes = shapely.bounds(shapes)
-    common = np.minimum(boxes[child, 2:], boxes[parent, 2:]) - np.maximum(boxes[child, :2], boxes[parent, :2])
-    possible = (areas[parent] > areas[child]) & (common.prod(1) >= config.min_contained * areas[child])
+    common = shared_box(boxes[child], boxes[parent])
+    possible = (areas[parent] > areas[child]) & (common >= config.min_contained * areas[child])
     child, parent = child[possible], parent[possible]
     shared = shapely.area(shapely.intersection(shapes[child], shapes[parent]))
     contained = shared >= config.min_contained * areas[child]

@@ -5,10 +5,30 @@ import shapely
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-6  # share of an overlap by which areas may be rounded
 
 
-def iou(first: NDArray[np.object_], second: NDArray[np.object_]) -> Array:
-    """(c,) IoU of the two polygons of each row, 0..1."""
-    shared = shapely.area(shapely.intersection(first, second))
-    union = shapely.area(first) + shapely.area(second) - shared
+def iou(first: NDArray[np.object_], second: NDArray[np.object_], least: float | Array = 0.0) -> Array:
+    """(c,) IoU of the two polygons of each row, 0..1.
+
+    Rows whose bounds and areas show that they cannot reach `least`, one number or (c,), are not intersected and get 0.
+    """
+    areas = shapely.area(first), shapely.area(second)
+    rows = np.flatnonzero(may_reach(areas, (shapely.bounds(first), shapely.bounds(second)), least))
+    shared = np.zeros(len(areas[0]))
+    shared[rows] = shapely.area(shapely.intersection(first[rows], second[rows]))
+    union = areas[0] + areas[1] - shared
     return np.asarray(np.where(union > 0, shared / np.maximum(union, 1e-300), 0.0))
+
+
+def may_reach(areas: tuple[Array, Array], bounds: tuple[Array, Array], least: float | Array) -> NDArray[np.bool_]:
+    """(c,) whether polygons of `areas` (c,) and `bounds` (c, 4) may have an IoU of `least`, one number or (c,)."""
+    common = np.minimum(shared_box(*bounds), np.minimum(*areas))
+    return np.asarray((common > 0) & (common >= (1 - ROUNDING) * least * (areas[0] + areas[1] - common)))
+
+
+def shared_box(first: Array, second: Array) -> Array:
+    """(c,) area of what the two boxes (c, 4) of each row share. NaN where one is that of an empty polygon."""
+    sides = np.minimum(first[:, 2:], second[:, 2:]) - np.maximum(first[:, :2], second[:, :2])
+    width, height = np.maximum(sides, 0.0).T
+    return np.asarray(width * height)

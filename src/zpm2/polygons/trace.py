@@ -53,7 +53,7 @@ def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
 
 def _corners(ring: NDArray[np.int32]) -> NDArray[np.float64]:
     """An (n, 2) closed ring of horizontal and vertical steps without repeated and straight-on vertices."""
-    ring = ring[(ring != np.roll(ring, 1, axis=0)).any(1)]
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    turns = before[:, 0] * after[:, 1] != before[:, 1] * after[:, 0]
-    return np.asarray(ring[turns], np.float64)
+    step = np.diff(ring, axis=0, prepend=ring[-1:])  # to each vertex
+    moves = (step != 0).any(1)
+    ring, along = ring[moves], step[moves, 0] != 0  # its last edge is horizontal
+    return np.asarray(ring[along != np.append(along[1:], along[0])], np.float64)

@@ -4,7 +4,8 @@ The pyramid (`global_match.pyramid`) needs texture at a polygon's centre and fin
 around a polygon give a whole map and need no texture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -16,6 +17,7 @@ from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
+from zpm2.polygons.once import Known, as_objects, each_once, identity, vertices
 from zpm2.polygons.transform import transform_polygons
 
 Array = NDArray[np.float64]
@@ -33,6 +35,35 @@ class WarpedPolygons:
         return len(self.maps)
 
 
+@dataclass(frozen=True, eq=False)
+class WarpingPoints(PointMatches):
+    """Points that warp many polygons, most of them more than once in a run: `warp_by_points` builds their trees once,
+    and warps each polygon once."""
+
+    known: Known[tuple[Array, shapely.Polygon, int]] = field(default_factory=dict, init=False)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copies know nothing: keys name objects of this process."""
+        return WarpingPoints, (self.left, self.right, self.score)
+
+    @staticmethod
+    def of(points: PointMatches) -> "WarpingPoints":
+        """The same points."""
+        if isinstance(points, WarpingPoints):
+            return points
+        return WarpingPoints(points.left, points.right, points.score)
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Of the left points."""
+        return shapely.STRtree(shapely.points(self.left))
+
+    @cached_property
+    def neighbors(self) -> "cKDTree[None]":
+        """Of the left points."""
+        return cKDTree(self.left)
+
+
 def warp_by_points(
     polygons: PolygonArrays, points: PointMatches, homography: Array | Failed, config: LocalConfig
 ) -> WarpedPolygons:
@@ -40,19 +71,38 @@ def warp_by_points(
 
     A polygon with at least `config.gamma` points has a homography of its own (3.4.1). With fewer, it moves by the local
     affine part of H and the median shift of its points; without any, by that of the `config.nearest_points` nearest.
+    Of `WarpingPoints`, a polygon with the same vertices (the same arrays) is not warped twice.
     """
-    n = len(polygons)
+    points, n = WarpingPoints.of(points), len(polygons)
     if n == 0 or len(points) == 0:
         return WarpedPolygons(
             np.broadcast_to(np.eye(3), (n, 3, 3)), np.full(n, shapely.Polygon(), object), np.zeros(n, int)
         )
-    tree = shapely.STRtree(shapely.points(points.left))
+
+    def find(rows: NDArray[np.intp]) -> list[tuple[Array, shapely.Polygon, int]]:
+        some = PolygonArrays([polygons.polygons[row] for row in rows])
+        found = _warped(some, points, homography, config)
+        return list(zip(found.maps, found.shapes, found.own, strict=True))
+
+    keys = [(*identity(polygon), id(homography), id(config)) for polygon in polygons.polygons]
+    maps, shapes, own = zip(
+        *each_once(points.known, keys, lambda row: (*vertices(polygons.polygons[row]), homography, config), find),
+        strict=True,
+    )
+    return WarpedPolygons(np.array(maps), as_objects(shapes), np.array(own))
+
+
+def _warped(
+    polygons: PolygonArrays, points: WarpingPoints, homography: Array | Failed, config: LocalConfig
+) -> WarpedPolygons:
+    """What `warp_by_points` gives for polygons that are not known. Rows do not depend on each other."""
+    n = len(polygons)
     shapely.prepare(polygons.shapes)
-    polygon, point = tree.query(polygons.shapes, predicate="contains")
+    polygon, point = points.tree.query(polygons.shapes, predicate="contains")
     order = np.lexsort((point, polygon))
     polygon, point = polygon[order], point[order]
     own = np.bincount(polygon, minlength=n)
-    _, near = cKDTree(points.left).query(polygons.centers, k=min(config.nearest_points, len(points)))
+    _, near = points.neighbors.query(polygons.centers, k=min(config.nearest_points, len(points)))
     near = near.reshape(n, -1)
     without = np.flatnonzero(own == 0)
     polygon = np.append(polygon, np.repeat(without, near.shape[1]))
