@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from zpm2.errors import Failed, Zpm2Error
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.result import MatchResult
+    from zpm2.tracking import TracksResult, tracks
 
     __version__: str
 
@@ -27,10 +28,12 @@ __all__ = [
     "Matcher",
     "Polygon",
     "PolygonMatch",
+    "TracksResult",
     "Zpm2Error",
     "__version__",
     "match",
     "preset",
+    "tracks",
 ]
 
 _HOME = {
@@ -43,6 +46,8 @@ _HOME = {
     "Zpm2Error": "zpm2.errors",
     "match": "zpm2.api",
     "preset": "zpm2.config",
+    "tracks": "zpm2.tracking",
+    "TracksResult": "zpm2.tracking",
 }
 
 _DEPRECATED = {"PolygonMatcher": "Matcher", "TiledMatcher": "Matcher"}  # earlier names, until version 1.0

@@ -3,7 +3,8 @@
 The same image has other polygons in each pair, because guided detection adds some for the partner image. So polygons of
 one image that cover the same area are first joined to one region. Matches then join regions of different images, the
 most confident first. A match that would join two different regions of one image contradicts more confident matches and
-is left out.
+is left out: a path of such matches leads from its one end to another region than its other end. The order of the input
+only decides between matches of the same confidence.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,7 @@ class TrackMatch:
     left: Observation
     right: Observation
     confidence: float  # 0..1
+    carried: bool = False  # by `zpm2.carry`; every match of two detected regions comes before these
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,14 @@ class Track:
         return list(found.values())
 
     @property
+    def seen(self) -> dict[int, Observation]:
+        """By view the polygon of the most confident match."""
+        found: dict[int, Observation] = {}
+        for observation in self.observations:
+            found.setdefault(observation.view, observation)
+        return found
+
+    @property
     def views(self) -> list[int]:
         """Indices of the views that see the region, ascending."""
         return sorted({observation.view for observation in self.observations})
@@ -56,7 +66,7 @@ def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track
 
     same: two polygons of one image are one region if their IoU is at least this.
     """
-    order = sorted(range(len(matches)), key=lambda k: -matches[k].confidence)
+    order = sorted(range(len(matches)), key=lambda k: (matches[k].carried, -matches[k].confidence))
     region = _regions([matches[k] for k in order], same)
     root: dict[tuple[int, int], tuple[int, int]] = {}
     members: dict[tuple[int, int], dict[int, int]] = {}  # root -> view -> region
