@@ -43,8 +43,6 @@ def read_photographs(given: Sequence[str | Path], raster: RasterConfig) -> list[
     paths: list[Path] = []
     for place in map(Path, given):
         paths += some_photographs(place) if os.path.isdir(place) else [place]
-    if len(paths) < 2:
-        raise InputError(f"{len(paths)} photograph given: tracks need at least two, or a folder of them")
     names = distinct_names(paths)
     order = sorted(range(len(paths)), key=lambda k: [natural(Path(part)) for part in names[k].split("/")])
     found, by_content = list[Photograph](), dict[str, str]()
@@ -56,6 +54,8 @@ def read_photographs(given: Sequence[str | Path], raster: RasterConfig) -> list[
                 raise InputError(f"{path} and {by_content[content]} are the same photograph: give it once")
             by_content[content] = str(path)
             found.append(Photograph(names[k], str(path), source.width, source.height, source.geo, position))
+    if len(found) < 2:
+        raise InputError(f"{len(found)} photograph given: tracks need at least two, or a folder of them")
     return found
 
 

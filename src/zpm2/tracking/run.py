@@ -9,7 +9,7 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.features import PointMatcher
 from zpm2.files.keys import key
-from zpm2.model.messages import Note, about, split
+from zpm2.model.messages import Note, split
 from zpm2.pipeline import matching_part, plugin_code
 from zpm2.runtime import Progress, StageTimer, resolve_device
 from zpm2.segment import registry
@@ -74,9 +74,9 @@ def tracks(
     with timer("events"):
         happened = _events(numbered, matched, len(found), chosen)
     messages = list(way.warnings)
-    for (i, j), each in matched.items():
-        names = f"{found[i].name}, {found[j].name}"
-        messages += [*about(names, each.warnings), *(Note(text) for text in about(names, each.notes))]
+    pair_names = {pair: " and ".join(found[row].name for row in pair) for pair in matched}
+    messages += _told({pair_names[pair]: each.warnings for pair, each in matched.items()})
+    messages += [Note(text) for text in _told({pair_names[pair]: each.notes for pair, each in matched.items()})]
     if not numbered:
         messages.append("no region was followed: no two photographs have a match")
     warnings, notes = split(messages)
@@ -167,6 +167,22 @@ class _Work:
     def _key(self, i: int, j: int, *more: object) -> str:
         paths = [self.photographs[row].path for row in (i, j)]
         return key(paths, matching_part(self.config), *plugin_code(self.config), *self._names, *more)
+
+
+def _told(messages: Mapping[str, Sequence[str]]) -> list[str]:
+    """The messages of pairs, by the pairs' names. What several have to say is said once."""
+    by_text: dict[str, list[str]] = {}
+    for name, texts in messages.items():
+        for text in texts:
+            by_text.setdefault(text, []).append(name)
+    return [
+        text
+        if len(names) == len(messages)
+        else f"{names[0]}: {text}"
+        if len(names) == 1
+        else f"{len(names)} pairs: {text}"
+        for text, names in by_text.items()
+    ]
 
 
 def _track_matches(index: int, pair: Pair, found: PairMatches) -> list[TrackMatch]:
