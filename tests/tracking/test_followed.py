@@ -65,7 +65,7 @@ def moved() -> PairMatches:
     """The right photograph is the left one moved by 50 px."""
     at = np.random.default_rng(0).uniform(0, 100, (200, 2))
     shift = np.array([[1.0, 0, 50], [0, 1, 0], [0, 0, 1]])
-    points = PointMatches(at, at + [50, 0], np.ones(200))
+    points = PointMatches(at, at + np.array([50, 0]), np.ones(200))
     return PairMatches([], [], np.zeros(0), points, shift, [], [])
 
 

@@ -175,14 +175,11 @@ def _told(messages: Mapping[str, Sequence[str]]) -> list[str]:
     for name, texts in messages.items():
         for text in texts:
             by_text.setdefault(text, []).append(name)
-    return [
-        text
-        if len(names) == len(messages)
-        else f"{names[0]}: {text}"
-        if len(names) == 1
-        else f"{len(names)} pairs: {text}"
-        for text, names in by_text.items()
-    ]
+    told = []
+    for text, names in by_text.items():
+        who = names[0] if len(names) == 1 else f"{len(names)} pairs"
+        told.append(text if len(names) == len(messages) else f"{who}: {text}")
+    return told
 
 
 def _track_matches(index: int, pair: Pair, found: PairMatches) -> list[TrackMatch]:
