@@ -88,7 +88,7 @@ def test_each_photograph_is_encoded_once():
 def test_the_latest_used_stay():
     images = [blank(64, 48, seed) for seed in range(4)]
     inner = PaintedSegmenter([PaintedView(image, [Region(Polygon(0, RING).shape)]) for image in images])
-    segmenter = EncodedPhotographs(inner, inner, {(64, 48)}, 11)  # MB: two
+    segmenter = EncodedPhotographs(inner, inner, {(64, 48)}, 22)  # MB: two
     for k in (0, 1, 0, 2, 0, 1):
         segmenter.view(images[k])
     assert segmenter.encoded == 4  # 1 was forgotten for 2

@@ -47,5 +47,8 @@ class TracksConfig:
         0.7, "of a region's place that its parts cover, from which on it was split", source="outlines differ"
     )
     encoded_mb: int = number(
-        500, "of encoded photographs that are kept in memory", unit="MB", source="70 photographs of 1 megapixel"
+        400,
+        "of encoded photographs that are kept in memory, the latest used",
+        unit="MB",
+        source="30 photographs of 1 megapixel; encoding one takes a second",
     )

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from zpm2.model import Image, Mask
 from zpm2.segment.protocol import PromptedSegmenter, PromptedView, Segmenter, notes_of
 
-VIEW_BYTES = 5e6  # of an encoded photograph beside its pixels: 256 numbers for each of 64 x 64 cells
+VIEW_BYTES = 10.5e6  # of an encoded photograph beside its pixels: SAM's, 640 numbers for each of 64 x 64 cells
 
 
 class EncodedPhotographs:
