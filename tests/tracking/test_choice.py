@@ -1,6 +1,8 @@
 """Which photographs are matched with each other."""
 
 import sqlite3
+import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 from zpm2.config import assign, preset
 from zpm2.errors import ConfigError, InputError
+from zpm2.formats.colmap import shared_points
 from zpm2.tracking import pairs as choosing
 from zpm2.tracking.pairs import ChosenPairs, choose_pairs
 from zpm2.tracking.photographs import Photograph
@@ -94,6 +97,45 @@ def test_the_database_beside_the_photographs(tmp_path: Path) -> None:
         chosen(own, "colmap")
     database(tmp_path / "database.db", {(1, 2): 50}, {1: "p0.png", 2: "p1.png"})
     assert chosen(own, "colmap").pairs == [(0, 1)]
+
+
+def text_model(folder: Path, points: dict[str, list[int]]) -> Path:
+    folder.mkdir()
+    (folder / "cameras.txt").write_text("1 PINHOLE 40 30 40 40 20 15\n")
+    lines = [
+        f"{k} 1 0 0 0 0 0 0 1 {name}\n{' '.join(f'1.5 2.5 {id}' for id in ids)}\n"
+        for k, (name, ids) in enumerate(points.items(), start=1)
+    ]
+    (folder / "images.txt").write_text("".join(lines))
+    return folder
+
+
+def binary_model(folder: Path, points: dict[str, list[int]]) -> Path:
+    folder.mkdir()
+    camera = struct.pack("<QIiQQ4d", 1, 1, 1, 40, 30, 40, 40, 20, 15)
+    (folder / "cameras.bin").write_bytes(camera)
+    images = struct.pack("<Q", len(points))
+    for k, (name, ids) in enumerate(points.items(), start=1):
+        images += struct.pack("<I7dI", k, 1, 0, 0, 0, 0, 0, 0, 1) + name.encode() + b"\0"
+        images += struct.pack("<Q", len(ids)) + b"".join(struct.pack("<ddq", 1.5, 2.5, id) for id in ids)
+    (folder / "images.bin").write_bytes(images)
+    return folder
+
+
+@pytest.mark.parametrize("write", [text_model, binary_model])
+def test_a_model_of_colmap(tmp_path: Path, write: Callable[[Path, dict[str, list[int]]], Path]) -> None:
+    points = {
+        "p1.png": [*range(30), -1, -1],
+        "p0.png": [*range(25), 99, 99],
+        "p2.png": [-1, *range(5, 30)],
+        "more.png": [],
+    }
+    found = chosen(photographs(3), write(tmp_path / "model", points), "tracks.neighbors=1")
+    assert found.pairs == [(0, 1), (1, 2)]  # 0 and 2 share 20, too, but each has a better one
+    assert "more.png" in found.warnings[0]
+    names, shared = shared_points(tmp_path / "model")
+    assert names == ["more.png", "p0.png", "p1.png", "p2.png"]
+    assert shared.tolist() == [[0, 0, 0, 0], [0, 26, 25, 20], [0, 25, 30, 25], [0, 20, 25, 25]]
 
 
 def test_misuse(tmp_path: Path) -> None:

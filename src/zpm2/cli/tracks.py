@@ -42,7 +42,8 @@ def tracks(
         typer.Option(
             metavar="WAY",
             help="Which photographs are matched with each other: sequential, exhaustive, colmap (the pairs of its "
-            "database.db), a database or a list with two names a line, or auto: by position (EXIF), else by points.",
+            "database.db), a database or model of COLMAP, a list with two names a line, or auto: by position (EXIF), "
+            "else by points.",
             rich_help_panel=METHOD,
             autocompletion=one_of(lambda: ("auto", "sequential", "exhaustive", "colmap")),
         ),

@@ -1,5 +1,6 @@
 """Which photographs are matched with each other."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.config import Config, TracksConfig
 from zpm2.errors import ConfigError, InputError
 from zpm2.files.listing import text
+from zpm2.formats.colmap import shared_points
 from zpm2.formats.colmap_database import verified_pairs
 from zpm2.runtime import Progress
 from zpm2.tracking.look import agreeing_points
@@ -32,7 +34,7 @@ class ChosenPairs:
 def choose_pairs(
     photographs: Sequence[Photograph], way: str | Path, config: Config, device: str, progress: Progress
 ) -> ChosenPairs:
-    """The pairs that `way` says: one of `WAYS`, a database of COLMAP, or a list with two names a line.
+    """The pairs that `way` says: one of `WAYS`, a database or a model of COLMAP, or a list with two names a line.
 
     `ConfigError` for an unknown way, `InputError` for files that cannot be read, a name that is no photograph's, and
     where no pair is left.
@@ -51,10 +53,14 @@ def choose_pairs(
     file = _database(photographs) if way == "colmap" else Path(way)
     if way == "colmap" or file.suffix.lower() in (".db", ".sqlite"):
         pairs, unknown = _named([(a, b) for a, b, _ in verified_pairs(file)], photographs)
-        warnings = [f"{file} has {len(unknown)} more images than were given, {unknown[0]} for one"] if unknown else []
-        return _connected(photographs, pairs, "COLMAP's verified matches", warnings)
-    if not file.is_file():
-        raise ConfigError(f"--pairs {way}: give one of {', '.join(WAYS)}, a list with two names a line, or a database")
+        return _connected(photographs, pairs, "COLMAP's verified matches", _more(file, unknown))
+    if os.path.isdir(file):
+        return _by_model(photographs, file, own)
+    if not os.path.isfile(file):
+        raise ConfigError(
+            f"--pairs {way}: give one of {', '.join(WAYS)}, a list with two names a line, or a database or model of "
+            "COLMAP"
+        )
     pairs, unknown = _named(_listed(file), photographs)
     if unknown:
         raise InputError(f"{file} names {unknown[0]}, which is none of the photographs: correct the list")
@@ -77,6 +83,26 @@ def _by_points(photographs: Sequence[Photograph], config: Config, device: str, p
         if count >= own.min_points:
             score[i, j] = score[j, i] = count
     return _connected(photographs, _best(score, own), "auto, by points", warnings)
+
+
+def _by_model(photographs: Sequence[Photograph], folder: Path, config: TracksConfig) -> ChosenPairs:
+    """Each photograph with those it shares most 3D points with."""
+    names, shared = shared_points(folder)
+    score, missing = np.full((len(photographs), len(photographs)), -np.inf), list[str]()
+    rows = [_row(name, photographs) for name in names]
+    for a, i in enumerate(rows):
+        if i is None:
+            missing.append(names[a])
+            continue
+        for b, j in enumerate(rows):
+            if j is not None and shared[a, b] >= config.min_points:
+                score[i, j] = shared[a, b]
+    return _connected(photographs, _best(score, config), "3D points of COLMAP's model", _more(folder, missing))
+
+
+def _more(place: Path, unknown: Sequence[str]) -> list[str]:
+    """A warning about images of COLMAP that are none of the photographs."""
+    return [f"{place} has {len(unknown)} more images than were given, {unknown[0]} for one"] if unknown else []
 
 
 def _best(score: NDArray[np.float64], config: TracksConfig) -> list[Pair]:

@@ -42,9 +42,9 @@ def tracks(
 
     photographs: files, or a folder. Their order does not matter: they are taken in the natural order of their names.
     pairs: which are matched with each other: "sequential" (neighbours in this order), "exhaustive", "colmap" (the pairs
-    with verified matches in the database.db beside them), a database, a list with two names a line, or "auto": by the
-    positions that all of them have (EXIF, georeference), else by the points that they share. kept: a folder for
-    finished pairs: a run goes on from there if photographs, configuration and code are the same.
+    with verified matches in the database.db beside them), a database or a model of COLMAP, a list with two names a
+    line, or "auto": by the positions that all of them have (EXIF, georeference), else by the points that they share.
+    kept: a folder for finished pairs: a run goes on from there if photographs, configuration and code are the same.
 
     segmenter, points, progress and say are those of `Matcher`. `InputError` for photographs that cannot be read, that
     are fewer than two or given twice, and where no pair is left; other errors are those of `Matcher`.
