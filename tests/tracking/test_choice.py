@@ -136,6 +136,9 @@ def test_a_model_of_colmap(tmp_path: Path, write: Callable[[Path, dict[str, list
     names, shared = shared_points(tmp_path / "model")
     assert names == ["more.png", "p0.png", "p1.png", "p2.png"]
     assert shared.tolist() == [[0, 0, 0, 0], [0, 26, 25, 20], [0, 25, 30, 25], [0, 20, 25, 25]]
+    lonely = write(tmp_path / "without points", {"p0.png": [], "p1.png": [-1]})
+    with pytest.raises(InputError, match="no pair of photographs"):
+        chosen(photographs(3), lonely)
 
 
 def test_misuse(tmp_path: Path) -> None:

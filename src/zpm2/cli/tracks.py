@@ -1,6 +1,7 @@
 """`zpm2 tracks`: regions followed through many photographs."""
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -101,7 +102,7 @@ def tracks(
     )
     use_weights(weights_dir)
     allow_vrt(allowed)
-    listed = Path(pairs) if Path(pairs).is_file() else None
+    listed = Path(pairs) if os.path.isfile(pairs) else None
     with (
         fresh_folder(out, *photographs, listed, names=file_names(), kept=KEPT),
         bars(quiet or as_json) as (progress, say),

@@ -233,7 +233,7 @@ def shared_points(folder: Path) -> tuple[list[str], NDArray[np.int64]]:
             ids = {words[9].rstrip(): np.array(points[2::3], np.int64) for words, points in lines}
         else:
             ids = dict(_binary.image_points(folder / "images.bin"))
-    except (OSError, ValueError, LookupError) as error:
+    except (OSError, ValueError, LookupError, OverflowError) as error:
         raise InputError(f"{folder} is not a complete COLMAP model: {error}; export it again") from error
     names = sorted(ids)
     seen = [np.unique(ids[name][ids[name] >= 0]) for name in names]  # -1: a point of the image alone

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from zpm2.errors import InputError
 from zpm2.files.listing import existing
+from zpm2.files.reading import WRONG, regular
 
 MAX_IMAGES = 2147483647  # pair_id = MAX_IMAGES * the smaller image id + the larger one
 
@@ -13,13 +14,13 @@ MAX_IMAGES = 2147483647  # pair_id = MAX_IMAGES * the smaller image id + the lar
 def verified_pairs(file: Path) -> list[tuple[str, str, int]]:
     """The names of each two images with verified matches, and how many, most first. `InputError` for a file that is no
     database of COLMAP, or has none."""
-    place = existing(file).resolve().as_uri() + "?mode=ro"
     try:
+        place = regular(existing(file)).resolve().as_uri() + "?mode=ro"
         with closing(sqlite3.connect(place, uri=True)) as database:
             names = dict(database.execute("SELECT image_id, name FROM images"))
             rows = database.execute("SELECT pair_id, rows FROM two_view_geometries WHERE rows > 0").fetchall()
         found = [(str(names[pair // MAX_IMAGES]), str(names[pair % MAX_IMAGES]), int(rows)) for pair, rows in rows]
-    except (sqlite3.Error, KeyError, TypeError, ValueError) as error:
+    except (OSError, sqlite3.Error, *WRONG) as error:
         raise InputError(f"{file} is not a complete database of COLMAP ({error}): give its database.db") from error
     if not found:
         raise InputError(f"{file} has no verified matches: run COLMAP's matcher first, or choose other --pairs")

@@ -63,8 +63,28 @@ def pair_matches(result: MatchResult, config: GlobalConfig) -> PairMatches:
     )
 
 
+def _check_pair(found: PairMatches) -> None:
+    if not len(found.left) == len(found.right) == len(found.confidence):
+        raise ValueError("a match has two polygons and a confidence")
+    if not len(found.points.left) == len(found.points.right) == len(found.points.score):
+        raise ValueError("a point has two places and a score")
+
+
+def _check_carried(found: CarriedRegions) -> None:
+    if len(found.status) != len(found.confidence):
+        raise ValueError("a region has a status and a confidence")
+    if not all(0 <= polygon.id < len(found.status) for polygon in found.outlines):
+        raise ValueError("an outline is that of a region")
+
+
 Work = TypeVar("Work", PairMatches, CarriedRegions)
-_CONVERTER = Converter({**LAYOUTS, PairMatches: Layout(shapes={"homography": (3, 3)})})
+_CONVERTER = Converter(
+    {
+        **LAYOUTS,
+        PairMatches: Layout(shapes={"homography": (3, 3), "confidence": (-1,)}, check=_check_pair),
+        CarriedRegions: Layout(shapes={"confidence": (-1,)}, check=_check_carried),
+    }
+)
 
 
 class Store:

@@ -13,6 +13,7 @@ from zpm2.config import RasterConfig
 from zpm2.errors import InputError
 from zpm2.files.keys import fingerprint
 from zpm2.files.listing import distinct_names, natural
+from zpm2.files.reading import WRONG
 from zpm2.model import Georeference
 from zpm2.photos import pictures
 from zpm2.photos.listing import some_photographs
@@ -79,7 +80,7 @@ def _position(path: Path, source: Source) -> NDArray[np.float64] | None:
         with pictures.looked_at(path) as picture:
             tags = pictures.exif_of(picture).get_ifd(GPS_IFD)
         found = np.array([_degrees(tags[LON], tags[LON_REF]), _degrees(tags[LAT], tags[LAT_REF])])
-    except (*pictures.DAMAGE, KeyError, TypeError, ZeroDivisionError):  # none, or not as they should be
+    except (*pictures.DAMAGE, *WRONG):  # none, or not as they should be
         return None
     return found if np.isfinite(found).all() and abs(found[0]) <= 180 and abs(found[1]) <= 90 else None
 
