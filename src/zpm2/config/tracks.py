@@ -26,10 +26,10 @@ class TracksConfig:
         20, "--pairs auto: points that agree on one geometry, from which on a pair is matched", low=8, source="chance"
     )
     same: float = share(
-        0.75,
+        0.7,
         "IoU from which on outlines of one photograph, found in several pairs, are one region",
         above=True,
-        source="as cloud.same",
+        source="as segment.nms_iou",
     )
     extend: bool = option(True, "carry regions into neighbours of their photographs where they were missed")
     min_carried: float = share(

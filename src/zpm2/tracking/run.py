@@ -61,12 +61,12 @@ def tracks(
         matched = work.matched(way.pairs)
     matches = [match for n, (pair, each) in enumerate(matched.items()) for match in _track_matches(n, pair, each)]
     with timer("join"):
-        joined, _ = build_tracks(matches, chosen.tracks.same)
+        joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
     if chosen.tracks.extend:
         with timer("extend"):
             more = work.carried(errands(joined, {pair: len(m.left) for pair, m in matched.items()}, chosen.tracks))
         matches += [m for n, (e, c) in enumerate(more, len(matched)) for m in carried_matches(e, c, n, chosen.tracks)]
-        joined, _ = build_tracks(matches, chosen.tracks.same)
+        joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
     if work.store.reused:
         say(f"{work.store.reused} finished pairs were taken from an earlier run")
     work.store.forget_others()
