@@ -10,9 +10,9 @@ from zpm2.config import TracksConfig, preset
 from zpm2.model import PointMatches, Polygon
 from zpm2.polygons.shapes import from_shape
 from zpm2.tracking.events import Event, events
-from zpm2.tracking.extend import carried_matches, carried_regions, errands
+from zpm2.tracking.extend import absent_in, carried_matches, carried_regions, errands
 from zpm2.tracking.join import Observation, TrackMatch, build_tracks
-from zpm2.tracking.matches import PairMatches
+from zpm2.tracking.matches import CarriedRegions, PairMatches
 
 CONFIG, LOCAL = TracksConfig(), preset("default").local_match
 
@@ -54,6 +54,14 @@ def test_only_sure_outlines_join_a_track():
     assert match.left == TRACKS[0].seen[2]
     assert (match.right.view, match.right.pair) == (3, 7)
     assert match.right.polygon.area == pytest.approx(81)
+
+
+def test_what_was_looked_for_in_vain_is_told():
+    (errand,) = [each for each in errands(TRACKS, STRENGTH, CONFIG) if each.target == 3]
+    carried = CarriedRegions(["hidden", "found"], np.array([0.0, 0.5]), [])
+    assert absent_in(TRACKS, [(errand, carried)]) == [{3: "hidden"}, {3: "unsure"}]
+    joined, _ = build_tracks([*TRACKS[0].matches, TrackMatch(TRACKS[0].seen[2], seen(3, 7, 0, 0), 0.9, True)], 0.75)
+    assert absent_in([*joined, TRACKS[1]], [(errand, carried)]) == [{}, {3: "unsure"}]
 
 
 def square(x: float, y: float, side: float) -> Polygon:

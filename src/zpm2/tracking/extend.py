@@ -82,3 +82,21 @@ def carried_matches(errand: Errand, found: CarriedRegions, pair: int, config: Tr
         for polygon in found.outlines
         if found.confidence[polygon.id] >= config.min_carried
     ]
+
+
+def absent_in(tracks: Sequence[Track], done: Sequence[tuple[Errand, CarriedRegions]]) -> list[dict[int, str]]:
+    """Of each track, the photographs in which it was looked for in vain, and why: `carry.Outcome.status`, or "unsure"
+    for an outline that did not join it."""
+    track_of = {_key(seen): row for row, track in enumerate(tracks) for seen in track.observations}
+    found: list[dict[int, str]] = [{} for _ in tracks]
+    for errand, carried in done:
+        for seen, status in zip(errand.regions, carried.status, strict=True):
+            row = track_of[_key(seen)]
+            if errand.target not in tracks[row].views:
+                found[row][errand.target] = status if status in ("outside", "hidden", "not found") else "unsure"
+    return [dict(sorted(each.items())) for each in found]
+
+
+def _key(seen: Observation) -> tuple[int, int, int]:
+    """What no other observation has."""
+    return seen.view, seen.pair, seen.polygon.id

@@ -38,6 +38,7 @@ class RegionTrack:
 
     id: int  # from 1 on: by the first photograph, then from top to bottom, from left to right
     seen: Mapping[int, SeenRegion]  # by row of the photograph, ascending
+    absent: Mapping[int, str]  # the same, where it was looked for in vain: outside, hidden, not found, or unsure
     closed: int  # matches that close a cycle: they confirm what the others say
 
     @property
@@ -99,6 +100,7 @@ class TracksResult:
                     "id": track.id,
                     "closed": track.closed,
                     "seen": [_seen(names[row], seen) for row, seen in track.seen.items()],
+                    "absent": {names[row]: why for row, why in track.absent.items()},
                 }
                 for track in self.tracks
             ],

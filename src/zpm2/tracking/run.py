@@ -16,7 +16,7 @@ from zpm2.segment import registry
 from zpm2.segment.protocol import PromptedSegmenter, Segmenter
 from zpm2.tracking.encoded import EncodedPhotographs
 from zpm2.tracking.events import Event, events
-from zpm2.tracking.extend import Errand, carried_matches, carried_regions, errands
+from zpm2.tracking.extend import Errand, absent_in, carried_matches, carried_regions, errands
 from zpm2.tracking.join import Observation, Track, TrackMatch, build_tracks
 from zpm2.tracking.matches import CarriedRegions, PairMatches, Store, pair_matches
 from zpm2.tracking.pairs import Pair, choose_pairs
@@ -62,6 +62,7 @@ def tracks(
     matches = [match for n, (pair, each) in enumerate(matched.items()) for match in _track_matches(n, pair, each)]
     with timer("join"):
         joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
+    more = list[tuple[Errand, CarriedRegions]]()
     if chosen.tracks.extend:
         with timer("extend"):
             more = work.carried(errands(joined, {pair: len(m.left) for pair, m in matched.items()}, chosen.tracks))
@@ -70,7 +71,7 @@ def tracks(
     if work.store.reused:
         say(f"{work.store.reused} finished pairs were taken from an earlier run")
     work.store.forget_others()
-    numbered = _numbered(joined)
+    numbered = _numbered(joined, absent_in(joined, more))
     with timer("events"):
         happened = _events(numbered, matched, len(found), chosen)
     messages = list(way.warnings)
@@ -189,17 +190,17 @@ def _track_matches(index: int, pair: Pair, found: PairMatches) -> list[TrackMatc
     ]
 
 
-def _numbered(joined: Sequence[Track]) -> list[RegionTrack]:
+def _numbered(joined: Sequence[Track], absent: Sequence[Mapping[int, str]]) -> list[RegionTrack]:
     """The tracks by their first photograph, there from top to bottom and from left to right."""
     found = []
-    for track in joined:
+    for track, missing in zip(joined, absent, strict=True):
         seen = {}
         for row, observation in sorted(track.seen.items()):
             own = [match for match in track.matches if row in (match.left.view, match.right.view)]
             carried = all(match.carried for match in own)
             confidence = max(match.confidence for match in own if match.carried == carried)
             seen[row] = SeenRegion(observation.polygon, confidence, carried)
-        found.append(RegionTrack(0, seen, len(track.matches) - len(seen) + 1))
+        found.append(RegionTrack(0, seen, missing, len(track.matches) - len(seen) + 1))
     found.sort(key=lambda track: (next(iter(track.seen)), track.center[::-1]))
     return [_with_id(track, id) for id, track in enumerate(found, start=1)]
 
