@@ -47,8 +47,8 @@ class TracksConfig:
         0.7, "of a region's place that its parts cover, from which on it was split", source="outlines differ"
     )
     encoded_mb: int = number(
-        400,
+        200,
         "of encoded photographs that are kept in memory, the latest used",
         unit="MB",
-        source="30 photographs of 1 megapixel; encoding one takes a second",
+        source="15 photographs of 1 megapixel; encoding one again takes a second",
     )
