@@ -47,13 +47,14 @@ def test_a_pair_without_homography_or_matches_is_kept_too(tmp_path):
 
 @pytest.mark.parametrize("content", [b"", b"no gzip", None])
 def test_damaged_work_is_done_again(tmp_path, content):
-    Store(tmp_path).get("key", PairMatches, made)
-    file = tmp_path / "key.json.gz"
+    folder = claim(tmp_path / "out", []) / KEPT
+    Store(folder).get("key", PairMatches, made)
+    file = folder / "key.json.gz"
     file.write_bytes(file.read_bytes()[:60] if content is None else content)
-    store = Store(tmp_path)
+    store = Store(folder)
     assert len(store.get("key", PairMatches, made).left) == 1
     assert store.reused == 0
-    assert len(Store(tmp_path).get("key", PairMatches, never).left) == 1
+    assert len(Store(folder).get("key", PairMatches, never).left) == 1
 
 
 def test_what_is_no_longer_used_goes(tmp_path):
@@ -64,6 +65,15 @@ def test_what_is_no_longer_used_goes(tmp_path):
     store.get("new", PairMatches, never)
     store.forget_others()
     assert [file.name for file in folder.iterdir()] == ["new.json.gz"]
+
+
+def test_files_of_others_stay(tmp_path):
+    (tmp_path / "mine.json.gz").write_bytes(b"mine")
+    Store(tmp_path).get("old", PairMatches, made)
+    store = Store(tmp_path)
+    store.get("new", PairMatches, made)
+    store.forget_others()
+    assert sorted(file.name for file in tmp_path.glob("*.gz")) == ["mine.json.gz", "new.json.gz"]
 
 
 def test_without_a_folder_nothing_is_kept():

@@ -14,9 +14,14 @@ from zpm2 import config
 from zpm2 import tracks as follow
 from zpm2.api import Matcher
 from zpm2.formats.regions.registry import open_regions
-from zpm2.model import ImagePolygons, Polygon
+from zpm2.model import Image, ImagePolygons, Mask, Polygon
 from zpm2.result import MatchResult
 from zpm2.tracking import TracksResult
+from zpm2.tracking.extend import Errand
+from zpm2.tracking.join import Observation
+from zpm2.tracking.matches import Store
+from zpm2.tracking.photographs import read_photographs
+from zpm2.tracking.run import _Work
 
 CONFIG = config.assign(config.preset("default"), [*wall.SETTINGS, "tracks.neighbors=2"])
 
@@ -155,3 +160,21 @@ def test_a_second_run_replaces_its_own_files_only(found: TracksResult, tmp_path:
 def test_a_sheet_in_python(found: TracksResult) -> None:
     assert found.sheet(1).ndim == 3
     assert "TracksResult" in repr(found)
+
+
+class Squares:
+    """A segmenter that takes no prompts: squares of a grid."""
+
+    name = "squares"
+
+    def segment(self, image: Image) -> list[Mask]:
+        return [Mask(x, y, np.ones((40, 40), bool)) for y in (20, 70, 120) for x in (20, 70, 120, 170)]
+
+
+def test_without_prompts_nothing_is_carried(photographs: list[Path]) -> None:
+    errand = Errand(0, 1, (0,), (Observation(0, 0, Polygon(0, np.array([[0, 0], [9, 0], [9, 9.0]]))),))
+    found = read_photographs(photographs, CONFIG.raster)
+    mute = {"progress": lambda stage, share: None, "say": lambda text: None}
+    work = _Work(found, CONFIG, Squares(), None, Store(None), **mute)
+    assert work.carried([errand]) == []
+    assert work.messages == ["the segmenter takes no prompts: regions were not carried further"]

@@ -3,6 +3,7 @@
 import gzip
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -15,7 +16,7 @@ from zpm2.config import GlobalConfig
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.files.reading import WRONG, parse_json, unpack_gzip
 from zpm2.files.record import HIDDEN, remove_own
-from zpm2.files.writing import atomic_write, output_folder
+from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.convert import Converter, Layout
 from zpm2.formats.document import LAYOUTS
 from zpm2.model import PointMatches, Polygon
@@ -108,7 +109,7 @@ class Store:
             made = make()
         data = gzip.compress(json.dumps(_CONVERTER.to_plain(made)).encode(), compresslevel=1, mtime=0)
         try:
-            atomic_write(output_folder(self.folder) / f"{key}.json.gz", data)
+            atomic_write(claim(self.folder, []) / f"{key}.json.gz", data)
         except OutputError as error:
             raise OutputError(f"{error}; finished pairs are kept, run the same command again to go on") from error
         return made
@@ -118,4 +119,5 @@ class Store:
         if self.folder is not None and self.folder.is_dir():
             for file in sorted(self.folder.glob("*.json.gz")):
                 if file.name not in self._used:
-                    remove_own(file)
+                    with suppress(OutputError):  # not made by a run
+                        remove_own(file)

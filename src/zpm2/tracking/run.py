@@ -74,7 +74,7 @@ def tracks(
     numbered = _numbered(joined, absent_in(joined, more))
     with timer("events"):
         happened = _events(numbered, matched, len(found), chosen)
-    messages = list(way.warnings)
+    messages = [*way.warnings, *work.messages]
     pair_names = {pair: " and ".join(found[row].name for row in pair) for pair in matched}
     messages += _told({pair_names[pair]: each.warnings for pair, each in matched.items()})
     messages += [Note(text) for text in _told({pair_names[pair]: each.notes for pair, each in matched.items()})]
@@ -94,6 +94,10 @@ def tracks(
     )
 
 
+class _TakesNoPrompts(Exception):
+    """A segmenter that cannot look for a region."""
+
+
 class _Work:
     """Matches and carries pairs, or takes them from an earlier run. Networks are loaded when they are first needed."""
 
@@ -110,6 +114,8 @@ class _Work:
         self.photographs, self.config, self.store = photographs, config, store
         self.progress, self.say = progress, say
         self._segmenter, self._points = segmenter, points
+        self.messages: list[str] = []
+        self.takes_prompts = False
         self._matcher: api.Matcher | None = None
         self._names = [each.name for each in (segmenter, points) if each is not None]
 
@@ -135,11 +141,18 @@ class _Work:
 
             def carry(errand: Errand = errand) -> CarriedRegions:
                 source, target = (self.photographs[row].path for row in (errand.source, errand.target))
-                return carried_regions(self.matcher.carry(source, target, errand.polygons))
+                matcher = self.matcher
+                if not self.takes_prompts:
+                    raise _TakesNoPrompts
+                return carried_regions(matcher.carry(source, target, errand.polygons))
 
             outlines = [[ring.tolist() for ring in (each.exterior, *each.holes)] for each in errand.polygons]
             name = self._key(errand.source, errand.target, asdict(self.config.carry), outlines)
-            found.append((errand, self.store.get(name, CarriedRegions, carry)))
+            try:
+                found.append((errand, self.store.get(name, CarriedRegions, carry)))
+            except _TakesNoPrompts:
+                self.messages.append("the segmenter takes no prompts: regions were not carried further")
+                return []
         self.progress("carrying", 1.0)
         return found
 
@@ -157,6 +170,7 @@ class _Work:
                     lambda share: self.progress("detect", share),
                     lambda done, total: self.progress("load", done / max(total, 1)),
                 )
+            self.takes_prompts = isinstance(segmenter, PromptedSegmenter)
             if isinstance(segmenter, PromptedSegmenter):
                 sizes = {(each.width, each.height) for each in self.photographs}
                 segmenter = EncodedPhotographs(segmenter, segmenter, sizes, config.tracks.encoded_mb)
