@@ -45,7 +45,7 @@ def test_the_longest_tracks_go_first():
 def test_only_sure_outlines_join_a_track():
     (errand,) = [each for each in errands(TRACKS, STRENGTH, CONFIG) if each.target == 3]
     two = shapely.MultiPolygon([shapely.box(0, 0, 9, 9), shapely.box(20, 20, 22, 22)])
-    outcomes = [Outcome("in part", "", two, 0.9, 0.5), Outcome("found", "", shapely.box(20, 0, 30, 10), 0.5, 1.0)]
+    outcomes = [Outcome("in part", "", two, 0.9, 0.5), Outcome("found", "", shapely.box(20, 0, 30, 10), 0.4, 1.0)]
     side = Side(None, 40, 30)
     found = carried_regions(CarryResult(side, side, [], [], outcomes))
     assert found.status == ["in part", "found"]
