@@ -1,15 +1,12 @@
 """`zpm2 tracks` as people type it."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import PIL.Image
-from rendered import Run
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tracking"))
 import wall
+from rendered import Run
 
 SETTINGS = [word for setting in wall.SETTINGS for word in ("--set", setting)]
 
