@@ -124,8 +124,10 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 @pytest.mark.parametrize("command", commands())
 def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -> None:
     words = shlex.split(command, comments=True)[1:]
-    if words[0] in ("match", "eval", "pose", "cloud", "bench"):
+    if words[0] in ("match", "eval", "pose", "cloud", "bench", "tracks"):
         words += QUICK
+    if words[0] == "tracks":
+        words += ["--set", "tracks.window=1", "--set", "tracks.extend=false"]
     if "vismatch" in words and "ZPM2_VISMATCH_PYTHON" not in os.environ:
         pytest.skip("vismatch needs an environment of its own; tests/features runs a stand-in")
     if "--accept-licence" in words:

@@ -29,6 +29,8 @@ PATHS: dict[str, Callable[[str, Path], list[object]]] = {
     "disparity": lambda path, base: ["cloud", *_two(base), *STEREO, "--disparity", path],
     "matches of a cloud": lambda path, base: ["cloud", *_two(base), *STEREO, "--matches", path],
     "photographs": lambda path, base: ["reconstruct", path, base / "b.png"],
+    "photographs of tracks": lambda path, base: ["tracks", path, base / "b.png"],
+    "pairs of tracks": lambda path, base: ["tracks", *_two(base), "--pairs", path],
     "known cameras": lambda path, base: ["reconstruct", base / "workspace", "--cameras", path],
     "layers": lambda path, base: ["link", path, path],
     "root": lambda path, base: ["eval", "pairs", "--root", path],
@@ -44,6 +46,7 @@ OUTPUTS: dict[str, list[str]] = {
     "pose": ["pose", "a.png", "b.png", "--K", "50,50,40,32"],
     "cloud": ["cloud", "workspace"],
     "reconstruct": ["reconstruct", "a.png", "b.png"],
+    "tracks": ["tracks", "a.png", "b.png", "--pairs", "sequential"],
     "eval": ["eval", "isprs", "--root", "workspace"],
 }
 NAMES = ("long", "long path", "not UTF-8", "NUL", "pipe", "device", "folder", "missing")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from zpm2.linking import LinkResult, link
     from zpm2.model import Polygon, PolygonMatch
     from zpm2.result import MatchResult
+    from zpm2.tracking import TracksResult, tracks
 
     __version__: str
 
@@ -29,11 +30,13 @@ __all__ = [
     "Matcher",
     "Polygon",
     "PolygonMatch",
+    "TracksResult",
     "Zpm2Error",
     "__version__",
     "link",
     "match",
     "preset",
+    "tracks",
 ]
 
 _HOME = {
@@ -48,6 +51,8 @@ _HOME = {
     "link": "zpm2.linking",
     "match": "zpm2.api",
     "preset": "zpm2.config",
+    "tracks": "zpm2.tracking",
+    "TracksResult": "zpm2.tracking",
 }
 
 _DEPRECATED = {"PolygonMatcher": "Matcher", "TiledMatcher": "Matcher"}  # earlier names, until version 1.0

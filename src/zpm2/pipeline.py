@@ -3,7 +3,7 @@
 Points come before regions, because guided re-detection warps the regions of one image into the other by them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 from zpm2 import config as configuration
@@ -29,6 +29,13 @@ from zpm2.segment.registry import SEGMENTERS
 from zpm2.verify import judged, same_scene_matches, verified
 
 Sides = tuple[ImagePolygons, ImagePolygons]
+# stages of a configuration that do not change matches
+AFTER_MATCHING = ("cloud", "carry", "tracks", "pose", "stereo", "reconstruct", "device", "max_memory")
+
+
+def matching_part(config: Config) -> Mapping[str, object]:
+    """The part of a configuration that the matches depend on."""
+    return {name: value for name, value in config.to_dict().items() if name not in AFTER_MATCHING}
 
 
 def plugin_code(config: Config) -> list[str]:

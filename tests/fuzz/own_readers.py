@@ -19,11 +19,13 @@ from zpm2.evaluate.pairs import EvalPair
 from zpm2.files import record, writing
 from zpm2.files.keys import code, fingerprint
 from zpm2.formats import colmap
-from zpm2.model import Camera
+from zpm2.model import Camera, PointMatches, Polygon, PolygonArrays
 from zpm2.reconstruct import workspace
 from zpm2.reconstruct.depth import read_sparse
 from zpm2.result import MatchResult
 from zpm2.tiled.tile import TileCache
+from zpm2.tracking.events import events
+from zpm2.tracking.matches import PairMatches, Store
 from zpm2.weights import converted, licence, store
 from zpm2.weights.manifest import Entry
 
@@ -60,6 +62,8 @@ def _results() -> list[Reader]:
         "points": points,
         "seconds": {"points": 1},
     }
+    pair_of_tracks = {"left": [polygon], "right": [polygon], "confidence": [0.9], "points": points}
+    pair_of_tracks |= {"homography": np.eye(3).tolist(), "warnings": ["a"], "notes": []}
     pair = EvalPair("pair", Path("a.png"), Path("b.png"))
 
     def predicted(folder: Path) -> None:
@@ -82,6 +86,7 @@ def _results() -> list[Reader]:
     return [
         Reader("result", ({"matches.json": written},), lambda folder: MatchResult.load(folder)),
         Reader("predictions", (kept, {"predictions/pair/failed.json": b'{"reason": "why"}', **kept}), predicted),
+        Reader("pair of tracks", ({"a.json.gz": gzip.compress(json.dumps(pair_of_tracks).encode())},), _pair_of_tracks),
         Reader("tile", ({"a.json.gz": gzip.compress(json.dumps(tile).encode())},), _tile),
     ]
 
@@ -89,6 +94,15 @@ def _results() -> list[Reader]:
 def _tile(folder: Path) -> None:
     path = only(folder)
     TileCache(path.parent.parent, path.parent.name).load("a", ((0, 0, 48, 40), (0, 0, 48, 40)))
+
+
+def _pair_of_tracks(folder: Path) -> None:
+    nothing = PairMatches([], [], np.zeros(0), PointMatches.empty(), None, [], [])
+    found = Store(only(folder).parent).get("a", PairMatches, lambda: nothing)
+    zip(found.left, found.right, found.confidence, strict=True)
+    PolygonArrays(found.left)
+    seen = {0: {polygon.id: polygon for polygon in found.left}, 1: dict[int, Polygon]()}
+    events(seen, (0, 1), found, Config().tracks, Config().local_match)
 
 
 def _folders() -> list[Reader]:

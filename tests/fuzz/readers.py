@@ -1,6 +1,7 @@
 """Every function that reads a user's file, with small valid samples made by code."""
 
 import json
+import sqlite3
 import struct
 from collections.abc import Callable
 from contextlib import closing
@@ -26,6 +27,7 @@ from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.workspace import read_views
 from zpm2.errors import MissingDependency
 from zpm2.formats import cameras, colmap
+from zpm2.formats.colmap_database import verified_pairs
 from zpm2.formats.maps import read_disparity, read_map
 from zpm2.formats.regions.registry import open_regions
 from zpm2.formats.run_lengths import compressed
@@ -212,6 +214,17 @@ def _tables() -> list[Reader]:
     ]
 
 
+def _database() -> bytes:
+    """Two images with verified matches."""
+    with sqlite3.connect(":memory:") as database:
+        database.execute("CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT)")
+        database.execute("CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY, rows INTEGER)")
+        database.executemany("INSERT INTO images VALUES (?, ?)", [(1, "a.png"), (2, "b.png")])
+        database.execute("INSERT INTO two_view_geometries VALUES (?, 30)", (2147483647 + 2,))
+        database.commit()
+        return database.serialize()
+
+
 def _cameras() -> list[Reader]:
     matrix = np.array([[50.0, 0, 24], [0, 50, 20], [0, 0, 1]])
     described = {"matrix": matrix.tolist(), "distortion": [0.1, 0.01], "width": SIZE[0], "height": SIZE[1]}
@@ -249,6 +262,8 @@ def _cameras() -> list[Reader]:
             "COLMAP camera", ({**named}, {**binary}), lambda folder: read_camera(str(folder), folder / "a.png", SIZE)
         ),
         Reader("COLMAP poses", ({**named}, {**binary}), lambda folder: colmap.read_poses(folder, [])),
+        Reader("COLMAP points", ({**named}, {**binary}), colmap.shared_points),
+        Reader("COLMAP database", ({"a.db": _database()},), lambda folder: verified_pairs(only(folder))),
         Reader("workspace of COLMAP", ({**named, **two}, {**binary, **two}), views, still),
         Reader("workspace of IDR", ({"cameras.npz": npz(world), **two},), views, still),
         Reader("workspace of MVSNet", ({"a_cam.txt": mvsnet, "b_cam.txt": mvsnet, **two},), views, still),

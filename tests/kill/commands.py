@@ -80,6 +80,9 @@ def _cases(pair: Pair) -> Iterator[Case]:
     yield Case("match, found regions in tiles", ["match", *photographs, *POINTS, *FEW, *tiles, *out], networks=True)
     carried = ["carry", *photographs, "--regions", "../in/left_labels.png", "--rigid"]
     yield Case("carry", [*carried, "--set", "points.methods=sift", *out])
+    simple = ["--segmenter", "classical", "--set", "guided.direction=off", "--set", "segment.detail.level=off"]
+    followed = ["tracks", *photographs, "--pairs", "sequential", *simple, *POINTS, *out]
+    yield Case("tracks", [*followed, "--set", "points.escalate.on=false"])
     more = ["--rectify", "--colmap"]
     yield Case("pose", ["pose", *photographs, *known, "--K", camera, *POINTS, *more, *out], needs=("pycolmap",))
     yield Case("pose, matched", ["pose", *photographs, "--K", camera, *POINTS, *FEW, *out], networks=True)

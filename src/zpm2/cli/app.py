@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import bench, carry, cloud, config, demo, doctor, link, match, models, pose, reconstruct, weights
+from zpm2.cli import bench, carry, cloud, config, demo, doctor, link, match, models, pose, reconstruct, tracks, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -26,6 +26,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "demo": demo.demo,
     "match": match.match,
     "carry": carry.carry,
+    "tracks": tracks.tracks,
     "link": link.link,
     "pose": pose.pose,
     "reconstruct": reconstruct.reconstruct,

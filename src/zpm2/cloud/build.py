@@ -11,13 +11,13 @@ from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.result import CloudPatch, PolygonCloud, Rejected, SupportingMatch
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.surface_view import SurfaceView
-from zpm2.cloud.tracks import Observation, Track, TrackMatch, build_tracks
 from zpm2.cloud.workspace import PosedPhotograph
 from zpm2.config import CloudConfig
 from zpm2.errors import Failed
 from zpm2.model.messages import Note, about, split
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
+from zpm2.tracking.join import Observation, Track, TrackMatch, build_tracks
 
 Accepted = dict[TrackMatch, tuple[SupportingMatch, dict[Observation, Lifted]]]  # by match; with its lifted polygons
 

@@ -1,7 +1,7 @@
 """A polygon cloud in one call: from a workspace, or from a rectified pair alone."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from zpm2.model import Image, PointMatches
 from zpm2.model.messages import about
 from zpm2.photos.images import read_image
 from zpm2.photos.listing import image_size
-from zpm2.pipeline import plugin_code
+from zpm2.pipeline import matching_part, plugin_code
 from zpm2.result import MatchResult
 from zpm2.runtime import Progress
 from zpm2.stereo import dense
@@ -34,15 +34,6 @@ from zpm2.stereo.camera_check import checked, doubts, fitting_size
 from zpm2.stereo.intrinsics import read_camera
 from zpm2.stereo.refine import Disparity
 from zpm2.stereo.rig import Rig, rig_of
-
-AFTER_MATCHING = (
-    "cloud",
-    "pose",
-    "stereo",
-    "reconstruct",
-    "device",
-    "max_memory",
-)  # stages of a configuration that do not change matches
 
 Place = str | Path
 
@@ -205,11 +196,6 @@ def _given(file: DisparityFile | Place, size: tuple[int, int]) -> Callable[[Poin
         return disparity
 
     return checked_against
-
-
-def matching_part(config: Config) -> Mapping[str, object]:
-    """The part of a configuration that the matches depend on."""
-    return {name: value for name, value in config.to_dict().items() if name not in AFTER_MATCHING}
 
 
 class _Pairs:

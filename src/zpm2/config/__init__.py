@@ -36,6 +36,7 @@ from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.robust import MagsacConfig
 from zpm2.config.segment import DetailConfig, FamilyConfig, PromptConfig, SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
+from zpm2.config.tracks import TracksConfig
 from zpm2.config.whole import Config, choices, describe
 
 __all__ = [
@@ -73,6 +74,7 @@ __all__ = [
     "StitchConfig",
     "StretchConfig",
     "TilesConfig",
+    "TracksConfig",
     "UnmatchedConfig",
     "VectorizeConfig",
     "VerifyConfig",

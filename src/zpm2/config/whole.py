@@ -20,6 +20,7 @@ from zpm2.config.pose import PoseConfig
 from zpm2.config.reconstruct import ReconstructConfig
 from zpm2.config.segment import SegmentConfig, VectorizeConfig
 from zpm2.config.stereo import StereoConfig
+from zpm2.config.tracks import TracksConfig
 from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Config:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     carry: CarryConfig = field(default_factory=CarryConfig)
     link: LinkConfig = field(default_factory=LinkConfig)
+    tracks: TracksConfig = field(default_factory=TracksConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     seed: int = number(0, "of everything random")
     device: str = option("auto", "auto, cpu, cuda")

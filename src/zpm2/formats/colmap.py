@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from zpm2.errors import InputError, MissingDependency, Zpm2Error
@@ -212,12 +213,34 @@ def _from_text(folder: Path) -> Model:
     try:
         for key, kind, width, height, *parameters in _camera_lines(folder / "cameras.txt"):
             cameras[int(key)] = kind, (int(width), int(height)), tuple(float(word) for word in parameters)
-        for words in _image_lines(folder / "images.txt"):
+        for words, _ in _image_lines(folder / "images.txt"):
             w, x, y, z, *shift = (float(word) for word in words[1:8])
             images[words[9].rstrip()] = int(words[8]), *_pose((w, x, y, z), shift)
     except (ValueError, LookupError) as error:
         raise InputError(f"{folder} is not a complete COLMAP model in text form: {error}") from error
     return Model(folder, cameras, images)
+
+
+def shared_points(folder: Path) -> tuple[list[str], NDArray[np.int64]]:
+    """The names of a model's images, sorted, and (n, n) how many of its 3D points each two of them show. `InputError`
+    where there is no model."""
+    model = read_model(folder)
+    if not model.images:
+        raise InputError(f"the COLMAP model {folder} has no registered image: reconstruct it again")
+    try:
+        if os.path.isfile(folder / "cameras.txt"):
+            lines = _image_lines(folder / "images.txt")
+            ids = {words[9].rstrip(): np.array(points[2::3], np.int64) for words, points in lines}
+        else:
+            ids = dict(_binary.image_points(folder / "images.bin"))
+    except (OSError, ValueError, LookupError, OverflowError) as error:
+        raise InputError(f"{folder} is not a complete COLMAP model: {error}; export it again") from error
+    names = sorted(ids)
+    seen = [np.unique(ids[name][ids[name] >= 0]) for name in names]  # -1: a point of the image alone
+    found, columns = np.unique(np.concatenate(seen), return_inverse=True)
+    rows = np.repeat(np.arange(len(names)), [len(each) for each in seen])
+    shows = csr_array((np.ones(len(rows), np.int64), (rows, columns)), (len(names), len(found)))
+    return names, (shows @ shows.T).toarray()
 
 
 def _pose(turn: Sequence[float], shift: Sequence[float]) -> tuple[Array, Array]:
@@ -232,20 +255,22 @@ def _camera_lines(path: Path) -> list[list[str]]:
     return [line.split() for line in text(path).split("\n") if line.strip() and not line.lstrip().startswith("#")]
 
 
-def _image_lines(path: Path) -> list[list[str]]:
-    """The words of each image: id, qw, qx, qy, qz, tx, ty, tz, camera, name (to the end of its line, with its spaces).
+def _image_lines(path: Path) -> list[tuple[list[str], list[str]]]:
+    """The words of each image: id, qw, qx, qy, qz, tx, ty, tz, camera, name (to the end of its line, with its spaces),
+    and of its points: x, y, id and so on.
 
-    The line after it holds its points, x y id and so on, and may be empty; any other line may be empty or a comment.
+    The line after an image holds its points, and may be empty; any other line may be empty or a comment.
     """
-    found: list[list[str]] = []
+    found: list[tuple[list[str], list[str]]] = []
     after_image = False
     for line in text(path).split("\n") if path.is_file() else ():
         if line.lstrip().startswith("#"):
             continue
         if after_image and _are_points(line):
+            found[-1] = found[-1][0], line.split()
             after_image = False
         elif line.strip():
-            found.append(line.split(maxsplit=9))
+            found.append((line.split(maxsplit=9), []))
             after_image = True
     return found
 

@@ -9,6 +9,9 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from zpm2.files.reading import read_bytes
 
 CUT = "it is cut short, or not a COLMAP file"
@@ -85,6 +88,19 @@ def cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], tuple[float
             raise ValueError(f"camera {key} has the unknown camera model number {number}")
         model, count = MODELS[number]
         yield key, model, (width, height), file.floats(count)
+
+
+def image_points(path: Path) -> Iterator[tuple[str, NDArray[np.int64]]]:
+    """For each registered image: name, and the ids of the 3D points that its points show, -1 for none. Errors as for
+    `cameras`."""
+    file = _Bytes(path)
+    for _ in range(file.count(73)):
+        file.skip(4 + 7 * 8 + 4)
+        name = file.name()
+        count = file.count(POINT)
+        start = file.skip(count * POINT)
+        points = np.frombuffer(file.content, np.dtype("<f8,<f8,<i8"), count, start)
+        yield name, points["f2"].astype(np.int64)
 
 
 def images(path: Path) -> Iterator[tuple[str, int, tuple[float, ...], tuple[float, ...]]]:

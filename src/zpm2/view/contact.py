@@ -50,10 +50,8 @@ def crop_window(
     return x0, y0, x1, y1
 
 
-def contact_sheet(
-    rows: Sequence[tuple[Crop, Crop]], captions: Sequence[str], side: int = 150, columns: int = 5
-) -> Pixels:
-    """(h, w, 3) uint8 RGB: a cell for each match, its left and its right crop side by side and its caption below.
+def contact_sheet(rows: Sequence[Sequence[Crop]], captions: Sequence[str], side: int = 150, columns: int = 5) -> Pixels:
+    """(h, w, 3) uint8 RGB: a cell for each row, its crops (as many in each) side by side and its caption below.
 
     Each crop fills a square of `side` px as far as its aspect allows, with the polygon's outline over it. Cells go from
     left to right, `columns` (>= 1) of them in a line; captions that are too long are cut. The same input gives the same
@@ -61,20 +59,21 @@ def contact_sheet(
     """
     font = PIL.ImageFont.load_default(13)
     columns = max(1, min(columns, len(rows)))
-    cell = np.array([2 * side + SEAM + GAP, side + CAPTION + GAP])  # width, height with the gap after it
+    wide = max(map(len, rows), default=2) * (side + SEAM) - SEAM  # px, all crops of a row
+    cell = np.array([wide + GAP, side + CAPTION + GAP])  # width, height with the gap after it
     lines = max(1, math.ceil(len(rows) / columns))
     canvas = np.empty((lines * int(cell[1]) + GAP, columns * int(cell[0]) + GAP, 3), np.uint8)
     canvas[:] = DARK
     corners = [(GAP + k % columns * int(cell[0]), GAP + k // columns * int(cell[1])) for k in range(len(rows))]
-    for (x, y), pair in zip(corners, rows, strict=True):
-        for k, crop in enumerate(pair):
+    for (x, y), row in zip(corners, rows, strict=True):
+        for k, crop in enumerate(row):
             left = x + k * (side + SEAM)
             canvas[y : y + side, left : left + side] = _square(crop, side)
     picture = PIL.Image.fromarray(canvas)
     draw = PIL.ImageDraw.Draw(picture)
     for (x, y), caption in zip(corners, captions, strict=True):
-        text = _shortened(caption, draw, font, 2 * side + SEAM)
-        draw.text((x + side + SEAM / 2, y + side + CAPTION / 2), text, PALE, font, "mm")
+        text = _shortened(caption, draw, font, wide)
+        draw.text((x + wide / 2, y + side + CAPTION / 2), text, PALE, font, "mm")
     if not rows:
         draw.text((picture.width / 2, picture.height / 2), "no matches", PALE, font, "mm")
     return np.asarray(picture)

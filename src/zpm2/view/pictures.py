@@ -36,7 +36,7 @@ def sheet(result: PairResult, config: RasterConfig, count: int, seed: int) -> Pi
     for name, side in zip(SIDES, (result.left, result.right), strict=True):
         polygons = {polygon.id: polygon for polygon in side.polygons}
         with reopened(side, name, config) as source:
-            crops.append([_crop(source, side, polygons[getattr(match, name)]) for match in matches])
+            crops.append([crop(source, side.width, polygons[getattr(match, name)]) for match in matches])
     captions = [f"match {match.id}   (right {match.right})   {match.confidence:.2f}" for match in matches]
     return contact_sheet(list(zip(*crops, strict=True)), captions)
 
@@ -63,9 +63,9 @@ def _shown(result: PairResult, config: RasterConfig, longest: int) -> tuple[Imag
     return left, right
 
 
-def _crop(source: Source, side: ImagePolygons, polygon: Polygon) -> Crop:
-    """A polygon with its surroundings; `source` may be a reduced version of the photograph."""
-    scale = source.width / side.width
+def crop(source: Source, width: int, polygon: Polygon) -> Crop:
+    """A polygon of a photograph of `width` px with its surroundings; `source` may be a reduced version of it."""
+    scale = source.width / width
     rings = [ring * scale for ring in (polygon.exterior, *polygon.holes)]
     bounds = *rings[0].min(0), *rings[0].max(0)
     x0, y0, x1, y1 = window = crop_window(bounds, source.width, source.height)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from zpm2.cloud.tracks import Observation, TrackMatch, build_tracks
 from zpm2.model import Polygon
+from zpm2.tracking.join import Observation, TrackMatch, build_tracks
 
 
 def square(view: int, pair: int, number: int, x: float, size: float = 10.0) -> Observation:

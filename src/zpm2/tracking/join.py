@@ -3,16 +3,19 @@
 The same image has other polygons in each pair, because guided detection adds some for the partner image. So polygons of
 one image that cover the same area are first joined to one region. Matches then join regions of different images, the
 most confident first. A match that would join two different regions of one image contradicts more confident matches and
-is left out.
+is left out: a path of such matches leads from its one end to another region than its other end. The order of the input
+only decides between matches of the same confidence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
 from zpm2.model import Polygon
+
+Node = tuple[int, int]  # a view, and a region of it
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class TrackMatch:
     left: Observation
     right: Observation
     confidence: float  # 0..1
+    carried: bool = False  # by `zpm2.carry`; every match of two detected regions comes before these
 
 
 @dataclass(frozen=True)
@@ -46,22 +50,37 @@ class Track:
         return list(found.values())
 
     @property
+    def seen(self) -> dict[int, Observation]:
+        """By view the polygon of the most confident match."""
+        found: dict[int, Observation] = {}
+        for observation in self.observations:
+            found.setdefault(observation.view, observation)
+        return found
+
+    @property
     def views(self) -> list[int]:
         """Indices of the views that see the region, ascending."""
         return sorted({observation.view for observation in self.observations})
 
 
-def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track], int]:
+def build_tracks(matches: Sequence[TrackMatch], same: float, votes: bool = False) -> tuple[list[Track], int]:
     """The tracks, longest first, and the number of matches that contradict others (a cycle that does not close).
 
-    same: two polygons of one image are one region if their IoU is at least this.
+    same: two polygons of one image are one region if their IoU is at least this. votes: matches are weighed by their
+    confidence and by what matches of third images say of them (`_votes`), instead of by their confidence alone.
     """
-    order = sorted(range(len(matches)), key=lambda k: -matches[k].confidence)
-    region = _regions([matches[k] for k in order], same)
-    root: dict[tuple[int, int], tuple[int, int]] = {}
-    members: dict[tuple[int, int], dict[int, int]] = {}  # root -> view -> region
+    matches = sorted(matches, key=lambda match: (match.carried, -match.confidence))
+    region = _regions(matches, same)
+    ends = [
+        ((s.view, region[s.view, s.pair, s.polygon.id]), (t.view, region[t.view, t.pair, t.polygon.id]))
+        for s, t in ((match.left, match.right) for match in matches)
+    ]
+    weight = _votes(matches, ends) if votes else [match.confidence for match in matches]
+    order = sorted(range(len(matches)), key=lambda k: (matches[k].carried, -weight[k]))
+    root: dict[Node, Node] = {}
+    members: dict[Node, dict[int, int]] = {}  # root -> view -> region
 
-    def find(node: tuple[int, int]) -> tuple[int, int]:
+    def find(node: Node) -> Node:
         if node not in root:
             root[node] = node
             members[node] = {node[0]: node[1]}
@@ -70,11 +89,10 @@ def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track
             node = root[node]
         return node
 
-    used: list[tuple[int, tuple[int, int]]] = []
+    used: list[int] = []
     contradicted = 0
     for k in order:
-        ends = [(s.view, region[s.view, s.pair, s.polygon.id]) for s in (matches[k].left, matches[k].right)]
-        a, b = find(ends[0]), find(ends[1])
+        a, b = (find(end) for end in ends[k])
         if a != b:
             shared = members[a].keys() & members[b].keys()
             if any(members[a][view] != members[b][view] for view in shared):
@@ -82,12 +100,46 @@ def build_tracks(matches: Sequence[TrackMatch], same: float) -> tuple[list[Track
                 continue
             root[b] = a
             members[a] |= members.pop(b)
-        used.append((k, ends[0]))
-    groups: dict[tuple[int, int], list[TrackMatch]] = {}
-    for k, node in used:
-        groups.setdefault(find(node), []).append(matches[k])
-    tracks = [Track(tuple(group)) for group in groups.values()]
+        used.append(k)
+    groups: dict[Node, list[TrackMatch]] = {}
+    for k in used:
+        groups.setdefault(find(ends[k][0]), []).append(matches[k])
+    tracks = [Track(tuple(sorted(group, key=lambda m: (m.carried, -m.confidence)))) for group in groups.values()]
     return sorted(tracks, key=lambda t: -len(t.views)), contradicted
+
+
+def _votes(matches: Sequence[TrackMatch], ends: Sequence[tuple[Node, Node]]) -> list[float]:
+    """0..1 of each match, the share of the votes that are for it.
+
+    A match of a and b votes for itself by its confidence, of 1. Each third image that a or b has a match with votes for
+    it or against it, by the product of the confidences of the two matches: for it, where both lead to the same region;
+    against it, where they lead to two, or where a's leads on to another region of b's image, or b's to another of a's.
+    Carried matches have no vote. Of several matches of a region with one image the first counts.
+    """
+    partners: dict[Node, dict[int, tuple[Node, float]]] = {}
+    for match, (a, b) in zip(matches, ends, strict=True):
+        if not match.carried:
+            partners.setdefault(a, {}).setdefault(b[0], (b, match.confidence))
+            partners.setdefault(b, {}).setdefault(a[0], (a, match.confidence))
+    found = []
+    for match, (a, b) in zip(matches, ends, strict=True):
+        votes, cast = match.confidence, 1.0
+        for view in sorted((partners.get(a, {}).keys() | partners.get(b, {}).keys()) - {a[0], b[0]}):
+            agrees, weight = _vote(a, b, view, partners)
+            votes, cast = votes + agrees * weight, cast + weight
+        found.append(votes / cast)
+    return found
+
+
+def _vote(a: Node, b: Node, view: int, partners: Mapping[Node, Mapping[int, tuple[Node, float]]]) -> tuple[bool, float]:
+    """Whether the region of a third view is for a match of a and b, and the weight of its vote; 0 without one."""
+    of_a, of_b = partners.get(a, {}).get(view), partners.get(b, {}).get(view)
+    if of_a is not None and of_b is not None:
+        return of_a[0] == of_b[0], of_a[1] * of_b[1]
+    known, target = (of_a, b) if of_b is None else (of_b, a)
+    assert known is not None
+    onward = partners[known[0]].get(target[0])  # another region than the target, which knows none of the view
+    return False, 0.0 if onward is None else known[1] * onward[1]
 
 
 def _regions(matches: Sequence[TrackMatch], same: float) -> dict[tuple[int, int, int], int]:
