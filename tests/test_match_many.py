@@ -12,7 +12,8 @@ import shapely.affinity
 from painted import PaintedSegmenter, PaintedView, Region
 from rendered import Pair, photograph
 
-from zpm2 import Matcher, MatchResult, Zpm2Error
+import zpm2.photos.images
+from zpm2 import Matcher, MatchResult, Polygon, Zpm2Error
 from zpm2.config import Config, PointsConfig, TilesConfig, assign, preset
 from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image, Mask, PointMatches
@@ -116,6 +117,29 @@ def test_a_left_photograph_is_segmented_once() -> None:
     assert [content(each) for each in matcher.match_many(pairs)] == alone
     assert len(alone[1]["matches"]) == len(cells)
     assert 0 < len(views[0].asked) <= asked / 2
+
+
+def test_a_matcher_remembers_the_last_photographs_for_further_calls(views: list[Path]) -> None:
+    images = [zpm2.photos.images.read_image(path, "image", CONFIG.raster) for path in views]
+    seen: list[str | None] = []
+
+    class Counting(PaintedSegmenter):
+        def view(self, image: Image) -> PaintedView:
+            seen.append(image.path)
+            return super().view(image)
+
+    square = Polygon(0, np.array([[60.0, 60], [100, 60], [100, 100], [60, 100]]))
+    for photographs, carried in ((0, 1), (3, 0)):
+        painted = [PaintedView(image, [Region(square.shape)]) for image in images[:2]]
+        matcher = Matcher(CONFIG, segmenter=Counting(painted), photographs=photographs)
+        first = [content(matcher(*views[:2])) for _ in range(2)]
+        assert first[0] == first[1]
+        assert len(seen) == (2 if photographs else 4)
+        seen.clear()
+        results = [matcher.carry(*views[:2], [square]) for _ in range(2)]
+        assert len(seen) == carried
+        seen.clear()
+        assert [each.status for each in results[0].outcomes] == [each.status for each in results[1].outcomes]
 
 
 def test_models_of_others_see_one_pair_at_a_time(views: list[Path]) -> None:

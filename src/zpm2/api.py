@@ -25,13 +25,14 @@ from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult, read_result
 from zpm2.runtime import Progress
-from zpm2.segment.protocol import Segmenter
+from zpm2.segment.protocol import PromptedSegmenter, Segmenter
 from zpm2.segment.registry import SEGMENTERS
 from zpm2.tiled.run import TiledRun
 from zpm2.tiled.whole import in_tiles, match_whole, min_areas
 
 PRECOMPUTED = "precomputed"  # the segmenter's name where regions are given
 METHODS = ("zpm2", *baselines.METHODS)
+LAST_TWO = 2  # photographs that stay encoded while regions are carried: the left one, and one right one after the other
 
 PairFunction = Callable[[ImageLike, ImageLike], MatchResult]
 
@@ -41,7 +42,8 @@ class Matcher:
 
     Files are read by windows where that pays (`photos.source.open_source`); georeferences are kept. `tiles.mode`
     decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles: an interrupted run goes
-    on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took.
+    on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took. The
+    `photographs` that were used last are not looked at again when they come in another pair; each takes some 30 MB.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class Matcher:
         progress: Progress = lambda stage, share: None,
         say: Callable[[str], None] = lambda text: None,
         kept: str | Path | None = None,
+        photographs: int = 0,
     ) -> None:
         self.config = configuration.as_config(config)
         self.progress, self.say = progress, say
@@ -60,7 +63,8 @@ class Matcher:
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=self._tell, say=say)
         self._quiet = 0  # how many iterations over many pairs are going on
         self._points, self._segmenter_given = points, segmenter is not None
-        self._views = carrying.LastViews()
+        self._photographs = KeptPhotos(photographs)
+        self._carried = self._photographs if photographs >= LAST_TWO else KeptPhotos(LAST_TWO)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are those of `PairMatcher`, and rasters of any size (extra `geo`).
@@ -71,7 +75,10 @@ class Matcher:
         limit = memory.within(self.config.max_memory)
         with self._whole.lock, limit, opened(left, right, self.config.raster) as sources:
             tiles, said = self._by_tiles(sources)
-            return self._in_tiles(sources, said) if tiles else match_whole(self._whole, sources, self.config)
+            if tiles:
+                return self._in_tiles(sources, said)
+            match = functools.partial(self._whole.one_of_many, kept=self._photographs)
+            return match_whole(match, sources, self.config)
 
     def match_many(
         self, pairs: Iterable[tuple[ImageLike, ImageLike]], *, at_once: int = 2, photographs: int = 8
@@ -147,7 +154,7 @@ class Matcher:
 
         `regions` is a file that `zpm2 match --left-regions` takes too, or polygons in px of the left photograph. The
         segmenter snaps outlines to the right photograph; `rigid` only moves the given ones. Photographs of any size;
-        the last two are kept encoded, so that several right ones, or regions, of one left one cost less.
+        the last two stay encoded, so that several right ones, or regions, of one left one cost less.
         Errors are those of `__call__`, `InputError` for a file without regions, and `ConfigError` for a segmenter that
         takes no prompts.
         """
@@ -159,11 +166,16 @@ class Matcher:
                 opened_file,
                 self._whole.points,
                 lambda: self._whole.segmenters()[1],
-                self._views,
+                self._carried,
                 self.config,
                 rigid,
                 self.progress,
             )
+
+    @property
+    def takes_prompts(self) -> bool:
+        """Whether its segmenter can look for a region, as `carry` needs it."""
+        return isinstance(self._whole.segmenters()[1], PromptedSegmenter)
 
     def _by_tiles(self, sources: Sequence[Source]) -> tuple[bool, list[str]]:
         """Whether a pair is matched in tiles, and a warning where only the memory budget demands it. `InputError` where

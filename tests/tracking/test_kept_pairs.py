@@ -1,12 +1,10 @@
-"""What a run keeps of finished pairs, and encoded photographs."""
+"""What a run keeps of finished pairs."""
 
 import numpy as np
 import pytest
-from painted import PaintedSegmenter, PaintedView, Region, blank
 
 from zpm2.files.writing import claim
 from zpm2.model import PointMatches, Polygon
-from zpm2.tracking.encoded import EncodedPhotographs
 from zpm2.tracking.matches import KEPT, CarriedRegions, PairMatches, Store
 
 RING = np.array([[0, 0], [10.1, 0], [10.3, 9.7], [0, 10.0]])
@@ -80,29 +78,3 @@ def test_without_a_folder_nothing_is_kept():
     store = Store(None)
     assert len(store.get("key", PairMatches, made).left) == 1
     store.forget_others()
-
-
-def test_each_photograph_is_encoded_once():
-    region = [Region(Polygon(0, RING * 5).shape)]
-    images = [blank(64, 48, seed) for seed in range(4)]
-    inner = PaintedSegmenter([PaintedView(image, region) for image in images])
-    segmenter = EncodedPhotographs(inner, inner, {(64, 48)}, 100)
-    for first, second in ((0, 1), (0, 2), (1, 2), (2, 3)):
-        assert segmenter.view(images[first]) is segmenter.view(images[first])
-        assert segmenter.view(images[second]).image is images[second]
-    assert segmenter.encoded == 4
-    assert segmenter.name == "painted"
-    assert segmenter.notes == []
-
-
-def test_the_latest_used_stay():
-    images = [blank(64, 48, seed) for seed in range(4)]
-    inner = PaintedSegmenter([PaintedView(image, [Region(Polygon(0, RING).shape)]) for image in images])
-    segmenter = EncodedPhotographs(inner, inner, {(64, 48)}, 22)  # MB: two
-    for k in (0, 1, 0, 2, 0, 1):
-        segmenter.view(images[k])
-    assert segmenter.encoded == 4  # 1 was forgotten for 2
-    whole = segmenter.encoded
-    segmenter = EncodedPhotographs(inner, inner, {(32, 32)}, 100)
-    assert segmenter.view(images[0]) is inner.view(images[0])  # a part of a photograph, or another one
-    assert segmenter.encoded == 0 < whole

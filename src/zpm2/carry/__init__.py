@@ -3,6 +3,5 @@
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.result import CarryResult
 from zpm2.carry.run import Regions, carry, opened_regions
-from zpm2.carry.views import LastViews
 
-__all__ = ["CarryResult", "LastViews", "Outcome", "Regions", "carry", "opened_regions"]
+__all__ = ["CarryResult", "Outcome", "Regions", "carry", "opened_regions"]

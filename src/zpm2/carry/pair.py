@@ -20,12 +20,14 @@ from zpm2.formats.regions.outlines import joined
 from zpm2.formats.regions.region import Shape
 from zpm2.global_match import InitialGeometry
 from zpm2.model import Image
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.polygons.repair import polygons_in
 from zpm2.polygons.simplify import simplify
 from zpm2.polygons.trace import trace
 from zpm2.polygons.vectorize import without_small_holes
 from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import EmbeddedView, PromptedSegmenter, PromptedView
+from zpm2.segment.view_of import view_of
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]
@@ -39,9 +41,11 @@ def carry(
     initial: InitialGeometry,
     segmenter: PromptedSegmenter,
     config: Config,
+    kept: KeptPhotos = NOTHING_KEPT,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Outcome]:
-    """What became of each of (n,) shapes, left px. `names` are what reasons call them; `initial` is the pair's."""
+    """What became of each of (n,) shapes, left px. `names` are what reasons call them; `initial` is the pair's. A
+    photograph that is `kept` is encoded once."""
     found = places(shapes, initial, config.carry, config.local_match)
     size = images[1].width, images[1].height
     asked = [
@@ -51,10 +55,10 @@ def carry(
     ]
     if not asked:
         return [_outcome(found, k, None, size, config.carry) for k in range(len(shapes))]
-    view = segmenter.view(images[1])
+    view = view_of(segmenter, images[1], kept)
     likeness = None
     if isinstance(view, EmbeddedView):
-        other = segmenter.view(images[0])
+        other = view_of(segmenter, images[0], kept)
         assert isinstance(other, EmbeddedView)
         likeness = _Likeness(other, view, shapes, config.carry)
     answers = [Answers.none(view.size)] * len(shapes)

@@ -12,7 +12,6 @@ from zpm2 import estimate
 from zpm2.carry import pair, windows
 from zpm2.carry.outcome import Outcome, missing
 from zpm2.carry.result import CarryResult, Side
-from zpm2.carry.views import EncodedOnce, LastViews
 from zpm2.config import Config
 from zpm2.errors import ConfigError, InputError
 from zpm2.features import weights_notes
@@ -24,6 +23,7 @@ from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import Image, Polygon
 from zpm2.model.messages import split
 from zpm2.photos.images import whole
+from zpm2.photos.kept import KeptPhotos
 from zpm2.photos.source import Source
 from zpm2.runtime import Progress, StageTimer
 from zpm2.segment.protocol import PromptedSegmenter, Segmenter, notes_of
@@ -41,13 +41,13 @@ def carry(
     regions: RegionFile | Sequence[Polygon],
     finder: Callable[[], PointFinder],
     segmenter: Callable[[], Segmenter],
-    views: LastViews,
+    kept: KeptPhotos,
     config: Config,
     rigid: bool,
     progress: Progress,
 ) -> CarryResult:
-    """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`. `views` are those of earlier
-    calls."""
+    """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`. What was found in
+    photographs that are `kept` is used again."""
     timer, notes = StageTimer(progress), list[str]()
     left, right = sources
     with timer("read"):
@@ -59,9 +59,11 @@ def carry(
     with timer("load"):
         points = finder()
         own = None if rigid else segmenter()
-        prompted = None if own is None else EncodedOnce(_prompted(own, config), views)
+        prompted = None if own is None else _prompted(own, config)
     names = [given[k].source_id or str(given[k].row) for k in usable]
-    job = _Job(sources, np.array([shapes[k] for k in usable], object), names, points, prompted, config, timer, notes)
+    job = _Job(
+        sources, np.array([shapes[k] for k in usable], object), names, points, prompted, kept, config, timer, notes
+    )
     small = max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window
     found = job.whole() if small else job.by_windows()
     nothing = Outcome("not found", "it has no area in the left photograph", None, 0.0, None)
@@ -95,6 +97,7 @@ class _Job:
     names: Sequence[str]  # of each, for reasons
     finder: PointFinder
     segmenter: PromptedSegmenter | None  # None: outlines are only moved
+    kept: KeptPhotos
     config: Config
     timer: StageTimer
     notes: list[str]  # of the run, added to
@@ -105,7 +108,8 @@ class _Job:
         estimate.refuse_whole(self.config, sizes, self.segmenter is None)
         with self.timer("read"):
             images = whole(self.sources[0], "left image"), whole(self.sources[1], "right image")
-        looked = self.finder(images, self.timer)
+            images = self.kept.same(images[0]), self.kept.same(images[1])
+        looked = self.finder(images, self.timer, self.kept)
         self.notes.extend(looked.notes)
         rows = np.arange(len(self.shapes))
         with self.timer("carry"):
@@ -145,7 +149,7 @@ class _Job:
         if self.segmenter is None:
             return pair.moved_only((images[1].width, images[1].height), shapes, initial, self.config, linear)
         names = [self.names[row] for row in rows]
-        return pair.carry(images, shapes, names, initial, self.segmenter, self.config, progress)
+        return pair.carry(images, shapes, names, initial, self.segmenter, self.config, self.kept, progress)
 
     def _progress(self, share: float) -> None:
         self.timer.progress("carry", share)

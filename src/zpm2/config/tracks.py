@@ -46,9 +46,10 @@ class TracksConfig:
     parts_cover: float = share(
         0.7, "of a region's place that its parts cover, from which on it was split", source="outlines differ"
     )
-    encoded_mb: int = number(
-        200,
-        "of encoded photographs that are kept in memory, the latest used",
-        unit="MB",
-        source="15 photographs of 1 megapixel; encoding one again takes a second",
+    looked_at: int = number(
+        8,
+        "photographs that stay in memory with what was found in each alone, the latest used; each takes some 30 MB",
+        low=2,
+        high=10_000,
+        source="pairs of neighbours follow one another",
     )

@@ -15,7 +15,8 @@ from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
-from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
+from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
+from zpm2.segment.view_of import view_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,9 @@ class RegionFinder:
             elif not initial.supported:
                 why_not = "no geometry for guided re-detection: each image was segmented alone"
             else:
-                left, right = (_view(segmenter, image, kept) for segmenter, image in zip(prompted, images, strict=True))
+                left, right = (
+                    view_of(segmenter, image, kept) for segmenter, image in zip(prompted, images, strict=True)
+                )
                 known = kept.found(
                     images[0],
                     ("everything", id(prompted[0])),
@@ -168,10 +171,6 @@ class RegionFinder:
             found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, notes_of(segmenter)
-
-
-def _view(segmenter: PromptedSegmenter, image: Image, kept: KeptPhotos) -> PromptedView:
-    return kept.found(image, ("view", id(segmenter)), lambda: segmenter.view(image))
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:

@@ -12,9 +12,7 @@ from zpm2.files.keys import key
 from zpm2.model.messages import Note, split
 from zpm2.pipeline import matching_part, plugin_code
 from zpm2.runtime import Progress, StageTimer, resolve_device
-from zpm2.segment import registry
-from zpm2.segment.protocol import PromptedSegmenter, Segmenter
-from zpm2.tracking.encoded import EncodedPhotographs
+from zpm2.segment.protocol import Segmenter
 from zpm2.tracking.events import Event, events
 from zpm2.tracking.extend import Errand, absent_in, carried_matches, carried_regions, errands
 from zpm2.tracking.join import Observation, Track, TrackMatch, build_tracks
@@ -115,7 +113,6 @@ class _Work:
         self.progress, self.say = progress, say
         self._segmenter, self._points = segmenter, points
         self.messages: list[str] = []
-        self.takes_prompts = False
         self._matcher: api.Matcher | None = None
         self._names = [each.name for each in (segmenter, points) if each is not None]
 
@@ -142,7 +139,7 @@ class _Work:
             def carry(errand: Errand = errand) -> CarriedRegions:
                 source, target = (self.photographs[row].path for row in (errand.source, errand.target))
                 matcher = self.matcher
-                if not self.takes_prompts:
+                if not matcher.takes_prompts:
                     raise _TakesNoPrompts
                 return carried_regions(matcher.carry(source, target, errand.polygons))
 
@@ -158,24 +155,15 @@ class _Work:
 
     @property
     def matcher(self) -> api.Matcher:
-        """Matches and carries; it encodes each photograph once."""
+        """Matches and carries. The photographs that were used last are not looked at again."""
         if self._matcher is None:
-            segmenter, config = self._segmenter, self.config
-            if segmenter is None:
-                device = resolve_device(config.device)
-                segmenter = registry.create(
-                    config.segment,
-                    device,
-                    self.say,
-                    lambda share: self.progress("detect", share),
-                    lambda done, total: self.progress("load", done / max(total, 1)),
-                )
-            self.takes_prompts = isinstance(segmenter, PromptedSegmenter)
-            if isinstance(segmenter, PromptedSegmenter):
-                sizes = {(each.width, each.height) for each in self.photographs}
-                segmenter = EncodedPhotographs(segmenter, segmenter, sizes, config.tracks.encoded_mb)
             self._matcher = api.Matcher(
-                config, segmenter=segmenter, points=self._points, progress=self.progress, say=self.say
+                self.config,
+                segmenter=self._segmenter,
+                points=self._points,
+                progress=self.progress,
+                say=self.say,
+                photographs=self.config.tracks.looked_at,
             )
         return self._matcher
 
