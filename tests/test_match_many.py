@@ -12,7 +12,6 @@ import shapely.affinity
 from painted import PaintedSegmenter, PaintedView, Region
 from rendered import Pair, photograph
 
-import zpm2.photos.images
 from zpm2 import Matcher, MatchResult, Polygon, Zpm2Error
 from zpm2.config import Config, PointsConfig, TilesConfig, assign, preset
 from zpm2.errors import ConfigError, InputError
@@ -119,8 +118,11 @@ def test_a_left_photograph_is_segmented_once() -> None:
     assert 0 < len(views[0].asked) <= asked / 2
 
 
-def test_a_matcher_remembers_the_last_photographs_for_further_calls(views: list[Path]) -> None:
-    images = [zpm2.photos.images.read_image(path, "image", CONFIG.raster) for path in views]
+def test_a_matcher_remembers_the_last_photographs_for_further_calls() -> None:
+    rgb = photograph(5, 256, 256)
+    images = [Image(np.ascontiguousarray(np.roll(rgb, -24 * k, axis=1)), str(k)) for k in range(2)]
+    cell = shapely.box(100, 100, 140, 140)
+    config = assign(preset("default"), ["device=cpu", "segment.grid=16", "segment.min_area=50"])
     seen: list[str | None] = []
 
     class Counting(PaintedSegmenter):
@@ -128,18 +130,26 @@ def test_a_matcher_remembers_the_last_photographs_for_further_calls(views: list[
             seen.append(image.path)
             return super().view(image)
 
-    square = Polygon(0, np.array([[60.0, 60], [100, 60], [100, 100], [60, 100]]))
-    for photographs, carried in ((0, 1), (3, 0)):
-        painted = [PaintedView(image, [Region(square.shape)]) for image in images[:2]]
-        matcher = Matcher(CONFIG, segmenter=Counting(painted), photographs=photographs)
-        first = [content(matcher(*views[:2])) for _ in range(2)]
-        assert first[0] == first[1]
-        assert len(seen) == (2 if photographs else 4)
+    carried = []
+    for photographs, matching, carrying in (
+        (0, 4, 1),
+        (2, 2, 0),
+    ):  # a painted view has no embedding: carry sees the right
+        views = [
+            PaintedView(image, [Region(shapely.affinity.translate(cell, -24 * k))]) for k, image in enumerate(images)
+        ]
+        matcher = Matcher(config, segmenter=Counting(views), points=Shifted(), photographs=photographs)
+        first, second = (content(matcher(*images)) for _ in range(2))
+        assert first == second
+        assert len(first["matches"]) == 1
+        assert len(seen) == matching
         seen.clear()
-        results = [matcher.carry(*views[:2], [square]) for _ in range(2)]
-        assert len(seen) == carried
+        square = Polygon(0, np.array(cell.exterior.coords)[:-1])
+        carried += [matcher.carry(*images, [square]).outcomes[0] for _ in range(2)]
+        assert len(seen) == carrying
         seen.clear()
-        assert [each.status for each in results[0].outcomes] == [each.status for each in results[1].outcomes]
+    assert [each.status for each in carried] == ["found"] * 4
+    assert all(each.shape.equals(carried[0].shape) for each in carried)
 
 
 def test_models_of_others_see_one_pair_at_a_time(views: list[Path]) -> None:
