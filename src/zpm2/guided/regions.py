@@ -14,7 +14,7 @@ from zpm2.model.messages import about
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
-from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
+from zpm2.segment.protocol import JointSegmenter, PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +84,7 @@ class RegionFinder:
             elif not initial.supported:
                 why_not = "no geometry for guided re-detection: each image was segmented alone"
             else:
-                left, right = (segmenter.view(image) for segmenter, image in zip(prompted, images, strict=True))
-                pair = redetection.detect((left, right), initial, self.config, self._share)
+                pair = redetection.detect(_views(prompted, images), initial, self.config, self._share)
                 return self._guided(images, pair, initial)
         self._sides_done = 0
         found = [self._polygons(s, image) for s, image in zip(segmenters, images, strict=True)]
@@ -116,11 +115,11 @@ class RegionFinder:
         """`found`, with the matches that it has, and the regions that a closer look finds where it pays (`detail`).
         `match` finds the matches of regions. `found` itself where nothing is to be looked at."""
         assert found.prompted is not None
-        left, right = (segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter))
+        prompted = [segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter)]
         more = detail.look_closer(
             found.prompted,
             found.images,
-            lambda first, second: (left.view(first), right.view(second)),
+            lambda first, second: _views(prompted, (first, second)),
             initial,
             matches,
             lambda pair: match(self._guided(found.images, pair, initial)),
@@ -159,6 +158,15 @@ class RegionFinder:
             found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, notes_of(segmenter)
+
+
+def _views(segmenters: Sequence[PromptedSegmenter], images: tuple[Image, Image]) -> tuple[PromptedView, PromptedView]:
+    """Both photographs, encoded; together where one segmenter can."""
+    one, other = segmenters
+    if one is other and isinstance(one, JointSegmenter):
+        left, right = one.views(images)
+        return left, right
+    return one.view(images[0]), other.view(images[1])
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:

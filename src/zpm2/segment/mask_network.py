@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
-from zpm2.segment import automatic
-from zpm2.segment.mask_view import MaskView
+from zpm2.segment import automatic, stacks
+from zpm2.segment.mask_view import MaskView, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import MEAN, NETWORK_LOCK, STD
+from zpm2.segment.sam import NETWORK_LOCK
+from zpm2.segment.sam_input import MEAN, STD
 
 Array = NDArray[np.float32]
 Encoded = TypeVar("Encoded")  # what a network makes of a photograph, and only it reads
-MAX_LOGIT = 60.0  # beyond which a logit says nothing more; fits into 16 bits
 
 
 @dataclass(frozen=True)
@@ -88,14 +88,9 @@ class NetworkView(MaskView, Generic[Encoded]):
         good = iou >= thresholds.predicted_iou
         if not good.any():
             return MaskPredictions.none(self.size)
-        logits, score = self._in_proportion(squares[good]), iou[good]
-        inner = (logits > self.config.stability_offset).sum((1, 2))
-        outer = (logits > -self.config.stability_offset).sum((1, 2))
-        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
-        keep = (stability >= thresholds.stability) & (inner > 0)
-        prompt = start + np.nonzero(good)[0][keep]
-        small = np.clip(logits[keep], -MAX_LOGIT, MAX_LOGIT).astype(np.float16)
-        return MaskPredictions(prompt, score[keep].astype(np.float32), stability[keep], small)
+        prompt = start + np.nonzero(good)[0]
+        flat = stacks.take(squares.reshape(-1, *squares.shape[2:]), np.flatnonzero(good))
+        return settled(prompt, iou[good], self._in_proportion(flat), self.config.stability_offset, thresholds)
 
     def _in_proportion(self, squares: Array) -> Array:
         """(n, m, m) logits over the square -> (n, height, width) of the photograph in its own proportions."""

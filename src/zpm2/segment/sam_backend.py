@@ -5,7 +5,7 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from math import isqrt
 from pathlib import Path
@@ -18,11 +18,16 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
+from zpm2.segment import stacks
+from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
+from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
     from openvino import CompiledModel
-    from torch import Tensor
+    from torch import Tensor, nn
+
+    Network = TypeVar("Network", bound=nn.Module)
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -32,6 +37,7 @@ Tokens = TypeVar("Tokens", "Tensor", Array)
 VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
+PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 
 
@@ -51,10 +57,10 @@ class SamBackend(Protocol):
     def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
-    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Array, Opaque]:
+    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Stack, Opaque]:
         """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
 
-    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
         `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
 
@@ -72,8 +78,8 @@ def open_backend(config: SegmentConfig, device: str, say: Say, download: weights
         raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
     weights.get(WEIGHTS[model], progress=download)
     if device == "cpu" and installed and backend != "torch":
-        return OpenVinoBackend(model, config.cpu_batch, say)
-    return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device)
+        return OpenVinoBackend(model, config.cpu_batch, say, config.precision)
+    return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device, config.precision)
 
 
 def load_sam(model: str) -> "Sam":
@@ -86,56 +92,72 @@ def load_sam(model: str) -> "Sam":
 
 
 class TorchBackend:
-    """The networks in torch."""
+    """The networks in torch. Where they run on a GPU (`resident`), masks and what belongs to them stay there."""
 
     name = "torch"
 
-    def __init__(self, model: str, batch: int, device: str) -> None:
+    def __init__(self, model: str, batch: int, device: str, precision: str = "float32") -> None:
         import torch
 
         from zpm2.segment import sam_network
 
-        self.torch, self.device = torch, torch.device(device)
-        self.batch = batch
+        self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
+        self.batch, self.resident = batch, self.device.type != "cpu"
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
-        self.networks = [
-            network(sam).eval().to(self.device)
-            for network in (sam_network.ImageNetwork, sam_network.PromptNetwork, sam_network.MaskNetwork)
-        ]
+        self.encoder: sam_network.ImageNetwork = self._ready(sam_network.ImageNetwork(sam))
+        self.prompter: sam_network.PromptNetwork = self._ready(sam_network.PromptNetwork(sam))
+        self.decoder: sam_network.MaskNetwork = self._ready(sam_network.MaskNetwork(sam))
+
+    def _ready(self, network: "Network") -> "Network":
+        return network.eval().to(self.device, self.dtype)
 
     def _to(self, array: NDArray[np.generic]) -> "Tensor":
         return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
 
+    def _out(self, tensor: "Tensor") -> Stack:
+        return tensor if self.resident else tensor.float().numpy()
+
     def image(self, pixels: Array) -> "tuple[Tensor, ...]":
         with self.torch.inference_mode():
-            return self.networks[0](self._to(pixels))
+            return self.encoder(self._to(pixels).to(self.dtype))
+
+    def images(self, reduced: Sequence[NDArray[np.uint8]]) -> "list[tuple[Tensor, ...]]":
+        """`image` of several photographs (h, w, 3), reduced to fit the square, in one batch."""
+        with self.torch.inference_mode():
+            squares = self.torch.zeros(len(reduced), 3, ENCODER_SIDE, ENCODER_SIDE, device=self.device)
+            mean, std = self._to(MEAN), self._to(STD)
+            for square, rgb in zip(squares, reduced, strict=True):
+                normal = (self._to(rgb).float() - mean) / std
+                square[:, : rgb.shape[0], : rgb.shape[1]] = normal.permute(2, 0, 1)
+            return [self.encoder.parts(each) for each in self.encoder.encoder(squares.to(self.dtype))]
 
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
-        return np.asarray(parts[0].cpu().numpy())
+        return np.asarray(parts[0].float().cpu().numpy())
 
-    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Array, Tensor]":
+    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
-            iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
-            return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
+            iou, hyper, tokens = self.prompter(*parts, self._to(sparse).to(self.dtype))
+            return np.asarray(stacks.to_host(iou.float()), np.float32), self._out(hyper), tokens
 
-    def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
+        weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
         with self.torch.inference_mode():
-            logits = self.networks[2](_part(tokens[self._to(rows)], size), self._to(hyper))
-        return logits[:, :, : size[0], : size[1]].cpu().numpy()
+            logits = self.decoder(_part(tokens[self._to(rows)], size), weights)
+        return self._out(logits[:, :, : size[0], : size[1]])
 
 
 class OpenVinoBackend:
-    """The networks converted to OpenVINO, single precision, on the CPU."""
+    """The networks converted to OpenVINO, on the CPU."""
 
     name = "openvino"
 
-    def __init__(self, model: str, batch: int, say: Say) -> None:
+    def __init__(self, model: str, batch: int, say: Say, precision: str = "float32") -> None:
         import openvino
 
         from zpm2.segment.sam_network import PromptEmbedding
 
-        self.batch = batch
+        self.batch, self.precision = batch, PRECISIONS[precision]
         folder = _converted(model, openvino.__version__, say)
         mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
@@ -149,7 +171,7 @@ class OpenVinoBackend:
 
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> "CompiledModel":
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
-        options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+        options = {"INFERENCE_PRECISION_HINT": self.precision, "PERFORMANCE_HINT": "LATENCY"}
         graph = self.graphs[name].clone()
         if shapes:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
@@ -177,8 +199,9 @@ class OpenVinoBackend:
         iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
-    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
         """One prompt at a time: as fast as together, and the image tokens (4 MB each) are not copied."""
+        assert isinstance(hyper, np.ndarray)
         logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
             part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]

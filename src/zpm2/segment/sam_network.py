@@ -46,7 +46,11 @@ class ImageNetwork(nn.Module):
         self.position = nn.Buffer(_position(sam))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        keys = self.encoder(image)[0].flatten(1).T + self.no_mask
+        return self.parts(self.encoder(image)[0])
+
+    def parts(self, embedding: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What `forward` returns, of what the encoder made of one image: (256, 64, 64)."""
+        keys = embedding.flatten(1).T + self.no_mask
         positioned = keys + self.position
         k = self.to_image.k_proj(positioned).reshape(GRID * GRID, self.heads, -1).permute(1, 2, 0)
         v = self.to_image.v_proj(keys).reshape(GRID * GRID, self.heads, -1).permute(1, 0, 2)
