@@ -32,7 +32,7 @@ from zpm2.segment import automatic, stacks
 from zpm2.segment.inner_points import inner_points
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
-from zpm2.segment.stacks import Stack, boxes
+from zpm2.segment.stacks import BitStack, boxes
 
 Array = NDArray[np.float64]
 PointsAndH = tuple[PointMatches, Array | Failed]  # as `InitialGeometry.forward` and `backward` return them
@@ -227,12 +227,12 @@ class _Shown:
 class _Target:
     """What n shapes cover of the pixels of a view that both photographs can show."""
 
-    bits: Stack  # (n, h, w)
+    bits: BitStack  # (n, h, w)
     area: NDArray[np.int64]  # (n,) px^2
     shown: _Shown
 
     @staticmethod
-    def of(bits: Stack, shown: _Shown) -> "_Target":
+    def of(bits: BitStack, shown: _Shown) -> "_Target":
         if len(shown.rows):
             bits = stacks.limited(bits, shown.rows, shown.bits)
         return _Target(bits, stacks.counts(bits), shown)
@@ -245,7 +245,7 @@ def _best(predictions: MaskPredictions, target: _Target) -> tuple[NDArray[np.int
     cut = np.flatnonzero(np.isin(prompt, target.shown.rows))
     if len(cut):
         of = np.searchsorted(target.shown.rows, prompt[cut])
-        area[cut] = stacks.shared(stacks.take(bits, cut), target.shown.bits, of)
+        area[cut] = stacks.shared(predictions[cut].inside, target.shown.bits, of)
     shared = stacks.shared(bits, target.bits, prompt)
     overlap = shared / np.maximum(area + target.area[prompt] - shared, 1)
     order = np.lexsort((-overlap, prompt))

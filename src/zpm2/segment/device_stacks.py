@@ -1,19 +1,20 @@
-"""What `stacks` reads off masks on a device, in torch. Each function is that of `stacks` of the same name."""
+"""What `stacks` reads off masks on a device, in torch. A function of the same name is the same for arrays."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from zpm2.segment.stacks import MAX_LOGIT, NO_MASK, Array, Bits, Counts, Extent, Rows, Stack, boxes_by_lines
+from zpm2.segment.stacks import MAX_LOGIT, NO_MASK, Bits, BitStack, Counts, Extent, Rows, Stack, boxes_by_lines
 
 GATHER_PX = 1 << 23  # pixels that are interpolated at a time; each takes about 60 bytes
 PRODUCT_PX = 1 << 13  # pixels of each mask that are multiplied at a time, 4 bytes each
 PACKED_PX = 1 << 16  # pixels from which on bits cross packed
 
 
-def to_host(*tensors: Tensor) -> list[Array]:
+def to_host(*tensors: Tensor) -> list[NDArray[np.generic]]:
     """As arrays: all together, through pinned memory. The only way from a device to the host."""
     copies = [tensor.to("cpu", non_blocking=True) for tensor in tensors]
     if tensors[0].is_cuda:
@@ -21,11 +22,11 @@ def to_host(*tensors: Tensor) -> list[Array]:
     return [copy.numpy() for copy in copies]
 
 
-def on(array: Array, device: torch.device) -> Tensor:
+def on(array: NDArray[np.generic], device: torch.device) -> Tensor:
     """An array on a device. Bits cross packed."""
     if array.dtype != np.bool_ or array.size < PACKED_PX:
         return torch.from_numpy(np.ascontiguousarray(array)).to(device)
-    words = torch.from_numpy(np.packbits(array, bitorder="little")).to(device)
+    words = torch.from_numpy(np.packbits(np.asarray(array, np.bool_), bitorder="little")).to(device)
     bits = (words[:, None] >> torch.arange(8, dtype=torch.uint8, device=device)) & 1
     return bits.flatten()[: array.size].view(torch.bool).reshape(array.shape)
 
@@ -49,7 +50,7 @@ def counts(bits: Tensor) -> Counts:
 def extent(bits: Tensor) -> Extent:
     """Of masks as bits."""
     area, columns, rows = to_host(_counts(bits), bits.any(1), bits.any(2))
-    return Extent(area, boxes_by_lines(columns, rows))
+    return _extent(area, columns, rows)
 
 
 def settled(logits: Tensor, offset: float, wanted: Callable[[Counts, Counts], Rows]) -> tuple[Rows, Tensor, Extent]:
@@ -57,26 +58,27 @@ def settled(logits: Tensor, offset: float, wanted: Callable[[Counts, Counts], Ro
     half = logits.clamp(-MAX_LOGIT, MAX_LOGIT).half()
     bits = half > 0
     numbers = torch.stack([_counts(each) for each in (logits > offset, logits > -offset, bits)])
-    (inner, outer, area), columns, lines = to_host(numbers, bits.any(1), bits.any(2))
+    pixels, columns, lines = to_host(numbers, bits.any(1), bits.any(2))
+    inner, outer, area = np.asarray(pixels, np.int64)
     rows = wanted(inner, outer)
-    return rows, take(half, rows), Extent(area, boxes_by_lines(columns, lines))[rows]
+    return rows, take(half, rows), _extent(area, columns, lines)[rows]
 
 
 def holds(logits: Tensor, row: Counts, column: Counts) -> Bits:
     """(n,) whether each holds one pixel."""
     at = (np.arange(len(row)) * logits.shape[1] + row) * logits.shape[2] + column
-    return to_host(take(logits.flatten(), at) > 0)[0]
+    return np.asarray(to_host(take(logits.flatten(), at) > 0)[0], np.bool_)
 
 
-def painted(bits: Tensor, extent: Extent, chosen: Rows) -> tuple[Bits, Array]:
+def painted(bits: Tensor, extent: Extent, chosen: Rows) -> tuple[Bits, NDArray[np.int32]]:
     """Of masks as bits."""
     area = on(extent.area.astype(np.int32), bits.device)
     smallest = torch.where(bits, area[:, None, None], NO_MASK).amin(0)
     union, least = to_host(take(bits, chosen).any(0), smallest)
-    return union, least
+    return np.asarray(union, np.bool_), np.asarray(least, np.int32)
 
 
-def shared(bits: Stack, other: Stack, of: Rows | Counts) -> Counts:
+def shared(bits: BitStack, other: BitStack, of: Rows | Counts) -> Counts:
     """(n,) pixels in common with row `of[k]`."""
     device = next(stack.device for stack in (bits, other) if not isinstance(stack, np.ndarray))
     one, two = (on(stack, device) if isinstance(stack, np.ndarray) else stack for stack in (bits, other))
@@ -91,19 +93,23 @@ def limited(bits: Tensor, rows: Rows, to: Bits) -> Tensor:
 
 
 def alike(logits: Tensor, area: Counts, threshold: float) -> Bits:
-    """Pixels in common are products of zeros and ones, whose sums are exact in single precision up to 2^24, also where
-    it is allowed to multiply in fewer bits."""
+    """(n, n) which of n masks overlap by an IoU above `threshold`; `area` (n,) are theirs.
+
+    Pixels in common are products of zeros and ones, whose sums are exact in single precision up to 2^24, also where it
+    is allowed to multiply in fewer bits.
+    """
     flat = (logits > 0).flatten(1)
     common = torch.zeros(len(flat), len(flat), device=flat.device)
     for start in range(0, flat.shape[1], PRODUCT_PX):
         part = flat[:, start : start + PRODUCT_PX].float()
         common.addmm_(part, part.T)
     both, areas = common.double(), on(area.astype(np.float64), flat.device)
-    return to_host(both > threshold * (areas[:, None] + areas - both))[0]
+    return np.asarray(to_host(both > threshold * (areas[:, None] + areas - both))[0], np.bool_)
 
 
 def enlarged(logits: Tensor, at: Counts, scale: float) -> list[Bits]:
-    """At an image's resolution; packed on their way to the host."""
+    """The pixels (y1 - y0, x1 - x0) of an image inside each mask: bilinear logits cut at 0, packed on their way to the
+    host. `at` (n, 4) are x0, y0, x1, y1 of each in the image, `scale` the px of a decoded mask per image px."""
     device, (n, height, width) = logits.device, logits.shape
     size = np.maximum(at[:, 2:] - at[:, :2], 0)
     pixels = size.prod(1)
@@ -128,8 +134,22 @@ def enlarged(logits: Tensor, at: Counts, scale: float) -> list[Bits]:
     bits = torch.cat(found)
     values = 2 ** torch.arange(8, dtype=torch.uint8, device=device)
     words = (torch.nn.functional.pad(bits, (0, -len(bits) % 8)).reshape(-1, 8) * values).sum(1, dtype=torch.uint8)
-    every = np.unpackbits(to_host(words)[0], bitorder="little").view(np.bool_)
+    every = np.unpackbits(np.asarray(to_host(words)[0], np.uint8), bitorder="little").view(np.bool_)
     return [every[end - k : end].reshape(h, w) for end, k, (w, h) in zip(ends, pixels, size, strict=True)]
+
+
+def resampled(squares: Tensor, x: float, y: float, size: tuple[int, int]) -> Tensor:
+    """(n, height, width) of `size`, bilinear, of (n, m, m) with `x` and `y` of their px per px of the result."""
+    side, device = squares.shape[1], squares.device
+    row, down = _steps((torch.arange(size[0], device=device) + 0.5) * y - 0.5, side)
+    column, across = _steps((torch.arange(size[1], device=device) + 0.5) * x - 0.5, side)
+    lines = torch.lerp(squares[:, row], squares[:, (row + 1).clamp(max=side - 1)], down[:, None])
+    return torch.lerp(lines[:, :, column], lines[:, :, (column + 1).clamp(max=side - 1)], across)
+
+
+def _extent(area: NDArray[np.generic], columns: NDArray[np.generic], rows: NDArray[np.generic]) -> Extent:
+    lines = np.asarray(columns, np.bool_), np.asarray(rows, np.bool_)
+    return Extent(np.asarray(area, np.int64), boxes_by_lines(*lines))
 
 
 def _counts(bits: Tensor) -> Tensor:

@@ -1,16 +1,20 @@
 """What the views of all promptable networks share: masks at the decoder's resolution, and back to pixels."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.errors import InputError
+from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image, Mask, thin
 from zpm2.polygons.rasterize import rasterize_stack
 from zpm2.segment import stacks
-from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds
+from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.stacks import Counts, Rows, Stack
+
+LITTLE_MEMORY = "the GPU has little free memory"
 
 
 class MaskView:
@@ -45,13 +49,56 @@ class MaskView:
         if isinstance(logits, np.ndarray):
             found = [upsample(each, box, image, scale, s) for each, box, s in zip(logits, boxes, score, strict=True)]
         else:
+            from zpm2.segment import device_stacks
+
             at = np.array([_in_image(box, image, scale) for box in boxes])
-            crops = stacks.enlarged(logits, at, scale)
+            crops = device_stacks.enlarged(logits, at, scale)
             found = [
                 Mask(int(x0), int(y0), bits, s) if bits.size else Mask(0, 0, np.zeros((1, 1), bool), s)
                 for (x0, y0, *_), bits, s in zip(at, crops, score, strict=True)
             ]
         return [mask.within(image.valid) for mask in found]
+
+
+class Room:
+    """How many prompts go to a network at a time: half as many, from then on, once its device ran out of memory.
+
+    `notes` receive that. Which prompts are made does not depend on it, so results do not.
+    """
+
+    def __init__(self, most: int, notes: list[str]) -> None:
+        self.most, self.notes = most, notes
+
+    def halve(self, error: RuntimeError) -> None:
+        """After an `error`, which is raised again if it is another one. `ConfigError` where one prompt is too much."""
+        if not is_out_of_memory(error):
+            raise error
+        if self.most == 1:
+            raise ConfigError("the GPU has too little free memory for one prompt: use --device cpu") from error
+        self.most //= 2
+        self.notes[:] = [note for note in self.notes if not note.startswith(LITTLE_MEMORY)]
+        self.notes.append(f"{LITTLE_MEMORY}: prompts went to the segmenter {self.most} at a time")
+
+
+def is_out_of_memory(error: RuntimeError) -> bool:
+    """Whether a device had too little memory; told without loading torch."""
+    return type(error).__name__ == "OutOfMemoryError"
+
+
+def predicted(
+    prompts: Prompts, room: Room, predict: Callable[[Prompts, int], MaskPredictions], size: tuple[int, int]
+) -> MaskPredictions:
+    """What `predict` says to prompts, as many at a time as there is `room` for. It gets these and the row of the first;
+    `size` is that of a decoded mask."""
+    found, start = [MaskPredictions.none(size)], 0
+    while start < len(prompts):
+        part = prompts[start : start + room.most]
+        try:
+            found.append(predict(part, start))
+            start += len(part)
+        except RuntimeError as error:
+            room.halve(error)
+    return MaskPredictions.join(found)
 
 
 def settled(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.segment import stacks
-from zpm2.segment.stacks import Extent, Stack
+from zpm2.segment.stacks import BitStack, Extent, Stack
 
 MASK_SIDE = 256  # px, longer side of a decoded mask
 
@@ -72,14 +72,14 @@ class MaskPredictions:
         return self.measured
 
     @property
-    def inside(self) -> Stack:
+    def inside(self) -> BitStack:
         """(n, h, w) the masks, where their logits are."""
         return stacks.inside(self.logits)
 
     @property
     def bits(self) -> NDArray[np.bool_]:
         """(n, h, w) the masks, on the host: all of their pixels cross where they are on a GPU."""
-        return np.asarray(stacks.to_host(self.inside))
+        return stacks.to_host(self.inside)
 
     @staticmethod
     def none(size: tuple[int, int]) -> "MaskPredictions":

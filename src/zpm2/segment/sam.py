@@ -14,7 +14,7 @@ from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
 from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, stacks
-from zpm2.segment.mask_view import MaskView, settled
+from zpm2.segment.mask_view import MaskView, Room, is_out_of_memory, predicted, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, open_backend
 from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input, reduced
@@ -43,6 +43,7 @@ class SamSegmenter:
         self.name: str = config.model
         self.notes: list[str] = []
         self._backend: SamBackend | None = None
+        self._shared: Room | None = None  # of all views
 
     def load(self) -> SamBackend:
         """The networks, loaded (and converted, once per machine) at the first call."""
@@ -56,16 +57,28 @@ class SamSegmenter:
 
     def view(self, image: Image) -> "SamView":
         """The photograph, encoded."""
-        return SamView(self.load(), image, self.config)
+        backend = self.load()
+        return SamView(backend, image, self.config, self._room(backend))
 
     def views(self, images: Sequence[Image]) -> "list[SamView]":
         """The photographs, encoded; on a GPU in one batch."""
         backend = self.load()
         if not isinstance(backend, TorchBackend) or not backend.resident:
             return [self.view(image) for image in images]
-        with NETWORK_LOCK:
-            encoded = backend.images([reduced(image, encoder_scale(image)) for image in images])
-        return [SamView(backend, image, self.config, e) for image, e in zip(images, encoded, strict=True)]
+        room = self._room(backend)
+        try:
+            with NETWORK_LOCK:
+                encoded = backend.images([reduced(image, encoder_scale(image)) for image in images])
+        except RuntimeError as error:
+            if not is_out_of_memory(error):
+                raise
+            return [self.view(image) for image in images]
+        return [SamView(backend, image, self.config, room, each) for image, each in zip(images, encoded, strict=True)]
+
+    def _room(self, backend: SamBackend) -> Room:
+        if self._shared is None:
+            self._shared = Room(backend.batch, self.notes)
+        return self._shared
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, best score first."""
@@ -75,12 +88,20 @@ class SamSegmenter:
 class SamView(MaskView):
     """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and `EmbeddedView`.
 
-    `encoded` is what `backend.image` returns of it, where that is known.
+    `encoded` is what `backend.image` returns of it, where that is known, and `room` that of all views of a backend.
     """
 
-    def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig, encoded: Opaque | None = None) -> None:
+    def __init__(
+        self,
+        backend: SamBackend,
+        image: Image,
+        config: SegmentConfig,
+        room: Room | None = None,
+        encoded: Opaque | None = None,
+    ) -> None:
         super().__init__(image, ENCODER_SIDE)
         self.backend, self.config, self.batch = backend, config, backend.batch
+        self.room = room or Room(backend.batch, [])
         self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
         self.parts = encoded
@@ -95,9 +116,7 @@ class SamView(MaskView):
         predicts SAM's mask for unambiguous prompts.
         """
         first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
-        starts = range(0, len(prompts), self.batch)
-        found = [self._predict_batch(prompts[s : s + self.batch], s, first, thresholds) for s in starts]
-        return MaskPredictions.join([MaskPredictions.none(self.size), *found])
+        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, first, thresholds), self.size)
 
     def _predict_batch(self, prompts: Prompts, start: int, first: int, thresholds: MaskThresholds) -> MaskPredictions:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)

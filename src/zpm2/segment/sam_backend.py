@@ -18,7 +18,6 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
-from zpm2.segment import stacks
 from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
 from zpm2.segment.stacks import Stack
 
@@ -100,7 +99,9 @@ class TorchBackend:
         import torch
 
         from zpm2.segment import sam_network
+        from zpm2.segment.device_stacks import to_host
 
+        self.to_host = to_host
         self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
         self.batch, self.resident = batch, self.device.type != "cpu"
         sam = load_sam(model)
@@ -138,7 +139,7 @@ class TorchBackend:
     def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
             iou, hyper, tokens = self.prompter(*parts, self._to(sparse).to(self.dtype))
-            return np.asarray(stacks.to_host(iou.float()), np.float32), self._out(hyper), tokens
+            return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
 
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from torch import Tensor
 
-Array = NDArray[np.floating | np.bool_]
-Stack = Union[Array, "Tensor"]  # (n, height, width)
 Bits = NDArray[np.bool_]
+Stack = Union[NDArray[np.floating], "Tensor"]  # (n, height, width) logits
+BitStack = Union[Bits, "Tensor"]  # (n, height, width)
 Rows = NDArray[np.intp]
 Counts = NDArray[np.int64]
 MAX_LOGIT = 60.0  # beyond which a logit says nothing more; fits into 16 bits
@@ -38,41 +38,47 @@ class Extent:
         return Extent(self.area[rows], self.box[rows])
 
 
-def to_host(stack: Stack) -> Array:
+def to_host(bits: BitStack) -> Bits:
     """As an array."""
+    if isinstance(bits, np.ndarray):
+        return bits
     from zpm2.segment import device_stacks
 
-    return stack if isinstance(stack, np.ndarray) else device_stacks.to_host(stack)[0]
+    return np.asarray(device_stacks.to_host(bits)[0], np.bool_)
 
 
-def inside(logits: Stack) -> Stack:
+def inside(logits: Stack) -> BitStack:
     """(n, height, width) bool, where logits are above 0."""
     if isinstance(logits, np.ndarray) and logits.dtype == np.float16:
         return np.asarray(logits.view(np.int16) > 0)  # the same, 40 times as fast
-    return logits > 0
+    return np.asarray(logits > 0) if isinstance(logits, np.ndarray) else logits > 0
 
 
 def take(stack: Stack, rows: Rows) -> Stack:
     """Rows of a stack."""
+    if isinstance(stack, np.ndarray):
+        return stack[rows]
     from zpm2.segment import device_stacks
 
-    return stack[rows] if isinstance(stack, np.ndarray) else device_stacks.take(stack, rows)
+    return device_stacks.take(stack, rows)
 
 
 def join(stacks: Sequence[Stack]) -> Stack:
     """One after the other, on a device where one of them is."""
-    from zpm2.segment import device_stacks
-
     arrays = [stack for stack in stacks if isinstance(stack, np.ndarray)]
-    return np.concatenate(arrays) if len(arrays) == len(stacks) else device_stacks.join(stacks)
-
-
-def counts(bits: Stack) -> Counts:
-    """(n,) pixels of each."""
+    if len(arrays) == len(stacks):
+        return np.concatenate(arrays)
     from zpm2.segment import device_stacks
 
+    return device_stacks.join(stacks)
+
+
+def counts(bits: BitStack) -> Counts:
+    """(n,) pixels of each."""
     if isinstance(bits, np.ndarray):
         return np.array([np.count_nonzero(each) for each in bits], np.int64)
+    from zpm2.segment import device_stacks
+
     return device_stacks.counts(bits)
 
 
@@ -91,18 +97,20 @@ def boxes_by_lines(columns: Bits, rows: Bits) -> Counts:
 
 def extent(logits: Stack) -> Extent:
     """Where masks lie."""
+    bits = inside(logits)
+    if isinstance(bits, np.ndarray):
+        return Extent(counts(bits), boxes(bits))
     from zpm2.segment import device_stacks
 
-    bits = inside(logits)
-    return Extent(counts(bits), boxes(bits)) if isinstance(bits, np.ndarray) else device_stacks.extent(bits)
+    return device_stacks.extent(bits)
 
 
 def settled(logits: Stack, offset: float, wanted: Callable[[Counts, Counts], Rows]) -> tuple[Rows, Stack, Extent]:
     """The masks (n, height, width), single precision, that are `wanted` by their pixels (n,) above `offset` and above
     `-offset`: their rows, their logits in half precision within `MAX_LOGIT`, and where they lie."""
-    from zpm2.segment import device_stacks
-
     if not isinstance(logits, np.ndarray):
+        from zpm2.segment import device_stacks
+
         return device_stacks.settled(logits, offset, wanted)
     rows = wanted(counts(logits > offset), counts(logits > -offset))
     half = np.clip(logits[rows], -MAX_LOGIT, MAX_LOGIT).astype(np.float16)
@@ -111,20 +119,20 @@ def settled(logits: Stack, offset: float, wanted: Callable[[Counts, Counts], Row
 
 def holds(logits: Stack, row: Counts, column: Counts) -> Bits:
     """(n,) whether each mask holds one pixel."""
-    from zpm2.segment import device_stacks
-
     if isinstance(logits, np.ndarray):
         return np.asarray(logits[np.arange(len(logits)), row, column] > 0)
+    from zpm2.segment import device_stacks
+
     return device_stacks.holds(logits, row, column)
 
 
 def painted(logits: Stack, extent: Extent, chosen: Rows) -> tuple[Bits, NDArray[np.int32]]:
     """(height, width) the pixels of the masks `chosen`, and the area of the smallest of all masks that holds a pixel
     (`NO_MASK` where none does)."""
-    from zpm2.segment import device_stacks
-
     bits = inside(logits)
     if not isinstance(bits, np.ndarray):
+        from zpm2.segment import device_stacks
+
         return device_stacks.painted(bits, extent, chosen)
     smallest = np.full(bits.shape[1:], NO_MASK, np.int32)
     for mask, (x0, y0, x1, y1), pixels in zip(bits, extent.box, extent.area, strict=True):
@@ -133,38 +141,21 @@ def painted(logits: Stack, extent: Extent, chosen: Rows) -> tuple[Bits, NDArray[
     return np.asarray(bits[chosen].any(0)), smallest
 
 
-def shared(bits: Stack, other: Stack, of: Rows | Counts) -> Counts:
+def shared(bits: BitStack, other: BitStack, of: Rows | Counts) -> Counts:
     """(n,) pixels that each of (n, height, width) `bits` has in common with row `of[k]` of `other`."""
-    from zpm2.segment import device_stacks
-
     if isinstance(bits, np.ndarray) and isinstance(other, np.ndarray):
         return np.array([np.count_nonzero(mask & other[k]) for mask, k in zip(bits, of, strict=True)], np.int64)
+    from zpm2.segment import device_stacks
+
     return device_stacks.shared(bits, other, of)
 
 
-def limited(bits: Stack, rows: Rows, to: Bits) -> Stack:
+def limited(bits: BitStack, rows: Rows, to: Bits) -> BitStack:
     """A copy of (n, height, width) `bits` of which the (k,) `rows` keep the pixels of (k, height, width) `to`."""
-    from zpm2.segment import device_stacks
-
     if not isinstance(bits, np.ndarray):
+        from zpm2.segment import device_stacks
+
         return device_stacks.limited(bits, rows, to)
     kept = bits.copy()
     kept[rows] &= to
     return kept
-
-
-def alike(logits: "Tensor", area: Counts, threshold: float) -> Bits:
-    """(n, n) which of n masks on a device overlap by an IoU above `threshold`."""
-    from zpm2.segment import device_stacks
-
-    return device_stacks.alike(logits, area, threshold)
-
-
-def enlarged(logits: "Tensor", at: Counts, scale: float) -> list[Bits]:
-    """The pixels (y1 - y0, x1 - x0) of an image inside each mask on a device: bilinear logits cut at 0.
-
-    `at` (n, 4) are the x0, y0, x1, y1 of each in the image, `scale` the px of a decoded mask per image px.
-    """
-    from zpm2.segment import device_stacks
-
-    return device_stacks.enlarged(logits, at, scale)

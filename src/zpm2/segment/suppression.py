@@ -36,10 +36,12 @@ def suppress(
 def suppress_stack(logits: Stack, extent: Extent, score: NDArray[np.floating], threshold: float) -> Rows:
     """`suppress` of masks by their logits, where these are: a device compares all pairs at once."""
     if not isinstance(logits, np.ndarray):
-        alike = stacks.alike(logits, extent.area, threshold)
+        from zpm2.segment import device_stacks
+
+        alike = device_stacks.alike(logits, extent.area, threshold)
         return _kept(_greedy(score, lambda i, free: np.flatnonzero(alike[i] & free)), score)
     parts = (logits[k : k + WORDS_CHUNK] for k in range(0, len(logits), WORDS_CHUNK))
-    packed = np.concatenate([pack(np.asarray(stacks.inside(part), bool)) for part in parts])
+    packed = np.concatenate([pack(stacks.to_host(stacks.inside(part))) for part in parts])
     return suppress(packed, extent.box, extent.area, score, threshold)
 
 
