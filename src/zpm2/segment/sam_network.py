@@ -192,8 +192,11 @@ def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, 
     b, _, t, d = query.shape
     key = attention.k_proj.weight.reshape(heads, d, -1)  # H, d, C
     folded = (query @ key * d**-0.5).reshape(b, heads * t, -1)
-    weights = (positioned @ folded.transpose(1, 2)).softmax(1)  # B, N, H T: in this order the product is twice as fast
-    gathered = (weights.transpose(1, 2) @ image).reshape(b, heads, t, -1)
+    if positioned.is_cuda:  # each device in the order in which it is fast
+        weights = (folded @ positioned.transpose(1, 2)).softmax(2)
+    else:
+        weights = (positioned @ folded.transpose(1, 2)).softmax(1).transpose(1, 2)
+    gathered = (weights @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias
     return attention.out_proj(out)
