@@ -86,3 +86,17 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
         for height, width in ((256, 256), (78, 256), (256, 101)):
             logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]], (height, width))
             assert ((logits > 0) != (masks[[0, 2], :, :height, :width].numpy() > 0)).mean() < 1e-4
+
+
+def test_a_gpu_gets_the_same_in_its_own_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(0)
+    sam = Sam.from_name("mobile_sam").eval()
+    parts = tuple(torch.randn(shape, generator=torch.manual_seed(3)) for shape in ((4096, 256), (8, 16, 4096)))
+    parts += tuple(torch.randn(shape, generator=torch.manual_seed(4)) for shape in ((8, 4096, 16), (4096, 128)))
+    sparse = torch.randn(2, 3, 256, generator=torch.manual_seed(5))
+    network = sam_network.PromptNetwork(sam).eval()
+    with torch.inference_mode():
+        expected = network(*parts, sparse)
+        monkeypatch.setattr(sam_network, "_on_gpu", lambda tensor: True)
+        for one, other in zip(expected, network(*parts, sparse), strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-3)

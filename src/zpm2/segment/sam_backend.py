@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from openvino import CompiledModel
     from torch import Tensor, nn
 
+    from zpm2.segment.cuda_graph import Recorded
+
     Network = TypeVar("Network", bound=nn.Module)
 
 Array = NDArray[np.float32]
@@ -78,7 +80,8 @@ def open_backend(config: SegmentConfig, device: str, say: Say, download: weights
     weights.get(WEIGHTS[model], progress=download)
     if device == "cpu" and installed and backend != "torch":
         return OpenVinoBackend(model, config.cpu_batch, say, config.precision)
-    return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device, config.precision)
+    batch = config.cpu_batch if device == "cpu" else config.gpu_batch
+    return TorchBackend(model, batch, device, config.precision, config.cuda_graphs == "on")
 
 
 def load_sam(model: str) -> "Sam":
@@ -95,7 +98,7 @@ class TorchBackend:
 
     name = "torch"
 
-    def __init__(self, model: str, batch: int, device: str, precision: str = "float32") -> None:
+    def __init__(self, model: str, batch: int, device: str, precision: str = "float32", recorded: bool = False) -> None:
         import torch
 
         from zpm2.segment import sam_network
@@ -104,6 +107,7 @@ class TorchBackend:
         self.to_host = to_host
         self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
         self.batch, self.resident = batch, self.device.type != "cpu"
+        self.recorded, self._recordings = recorded and self.resident, dict[tuple[int, int], "Recorded"]()
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
         self.encoder: sam_network.ImageNetwork = self._ready(sam_network.ImageNetwork(sam))
@@ -138,8 +142,20 @@ class TorchBackend:
 
     def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
-            iou, hyper, tokens = self.prompter(*parts, self._to(sparse).to(self.dtype))
+            iou, hyper, tokens = self._prompted((*parts, self._to(sparse).to(self.dtype)))
             return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
+
+    def _prompted(self, inputs: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
+        if not self.recorded:
+            return tuple(self.prompter(*inputs))
+        from zpm2.segment.cuda_graph import Recorded, capacity
+
+        *parts, sparse = inputs
+        rows = capacity(len(sparse))
+        if (key := (rows, sparse.shape[1])) not in self._recordings:
+            full = sparse.new_zeros((rows, *sparse.shape[1:]))
+            self._recordings[key] = Recorded(self.prompter, (*parts, full))
+        return tuple(each[: len(sparse)] for each in self._recordings[key](*inputs))
 
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
