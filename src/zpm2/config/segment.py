@@ -149,7 +149,7 @@ class SegmentConfig:
         source=MEASURED,
     )
     cuda_graphs: Literal["off", "on"] = option(
-        "off", "on: a GPU records the kernels of a batch of prompts once and then starts them together"
+        "off", "on: a GPU records the kernels of a network once, and then starts them together"
     )
     grid: int = number(
         32,

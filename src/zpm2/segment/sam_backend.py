@@ -6,6 +6,7 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 
 import warnings
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from importlib.util import find_spec
 from math import isqrt
 from pathlib import Path
@@ -24,11 +25,7 @@ from zpm2.segment.stacks import Stack
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
     from openvino import CompiledModel
-    from torch import Tensor, nn
-
-    from zpm2.segment.cuda_graph import Recorded
-
-    Network = TypeVar("Network", bound=nn.Module)
+    from torch import Tensor
 
 Array = NDArray[np.float32]
 Say = Callable[[str], None]
@@ -94,28 +91,31 @@ def load_sam(model: str) -> "Sam":
 
 
 class TorchBackend:
-    """The networks in torch. Where they run on a GPU (`resident`), masks and what belongs to them stay there."""
+    """The networks in torch. Where they run on a GPU (`resident`), masks and what belongs to them stay there.
+
+    `precision` is that of the prompt and the mask network. With `recorded`, a GPU starts the kernels of a network
+    together (`cuda_graph`).
+    """
 
     name = "torch"
 
     def __init__(self, model: str, batch: int, device: str, precision: str = "float32", recorded: bool = False) -> None:
         import torch
 
-        from zpm2.segment import sam_network
+        from zpm2.segment import cuda_graph, sam_network
         from zpm2.segment.device_stacks import to_host
 
-        self.to_host = to_host
+        self.to_host, self.capacity = to_host, cuda_graph.capacity
         self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
         self.batch, self.resident = batch, self.device.type != "cpu"
-        self.recorded, self._recordings = recorded and self.resident, dict[tuple[int, int], "Recorded"]()
+        self.recordings = cuda_graph.Recordings() if recorded and self.resident else None
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
-        self.encoder: sam_network.ImageNetwork = self._ready(sam_network.ImageNetwork(sam))
-        self.prompter: sam_network.PromptNetwork = self._ready(sam_network.PromptNetwork(sam))
-        self.decoder: sam_network.MaskNetwork = self._ready(sam_network.MaskNetwork(sam))
-
-    def _ready(self, network: "Network") -> "Network":
-        return network.eval().to(self.device, self.dtype)
+        self.encoder = sam_network.ImageNetwork(sam).eval().to(self.device)
+        if precision != "float32":  # layers that two networks share stay single in the encoder
+            sam = deepcopy(sam)
+        self.prompter = sam_network.PromptNetwork(sam).eval().to(self.device, self.dtype)
+        self.decoder = sam_network.MaskNetwork(sam).eval().to(self.device, self.dtype)
 
     def _to(self, array: NDArray[np.generic]) -> "Tensor":
         return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
@@ -125,7 +125,7 @@ class TorchBackend:
 
     def image(self, pixels: Array) -> "tuple[Tensor, ...]":
         with self.torch.inference_mode():
-            return self.encoder(self._to(pixels).to(self.dtype))
+            return self._in_half(self.encoder(self._to(pixels)))
 
     def images(self, reduced: Sequence[NDArray[np.uint8]]) -> "list[tuple[Tensor, ...]]":
         """`image` of several photographs (h, w, 3), reduced to fit the square, in one batch."""
@@ -135,27 +135,32 @@ class TorchBackend:
             for square, rgb in zip(squares, reduced, strict=True):
                 normal = (self._to(rgb).float() - mean) / std
                 square[:, : rgb.shape[0], : rgb.shape[1]] = normal.permute(2, 0, 1)
-            return [self.encoder.parts(each) for each in self.encoder.encoder(squares.to(self.dtype))]
+            encode: Callable[..., tuple[Tensor, ...]] = self._embeddings
+            if self.recordings is not None:
+                encode = self.recordings((len(squares),), self._embeddings, (squares,))
+            return [self._in_half(self.encoder.parts(each)) for each in encode(squares)[0]]
+
+    def _embeddings(self, squares: "Tensor") -> "tuple[Tensor, ...]":
+        return (self.encoder.encoder(squares),)
+
+    def _in_half(self, parts: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
+        return tuple(part.to(self.dtype) for part in parts)
 
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
         return np.asarray(parts[0].float().cpu().numpy())
 
     def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
-            iou, hyper, tokens = self._prompted((*parts, self._to(sparse).to(self.dtype)))
+            iou, hyper, tokens = self._prompted(parts, self._to(sparse).to(self.dtype))
             return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
 
-    def _prompted(self, inputs: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
-        if not self.recorded:
-            return tuple(self.prompter(*inputs))
-        from zpm2.segment.cuda_graph import Recorded, capacity
-
-        *parts, sparse = inputs
-        rows = capacity(len(sparse))
-        if (key := (rows, sparse.shape[1])) not in self._recordings:
-            full = sparse.new_zeros((rows, *sparse.shape[1:]))
-            self._recordings[key] = Recorded(self.prompter, (*parts, full))
-        return tuple(each[: len(sparse)] for each in self._recordings[key](*inputs))
+    def _prompted(self, parts: "tuple[Tensor, ...]", sparse: "Tensor") -> "tuple[Tensor, ...]":
+        if self.recordings is None:
+            return tuple(self.prompter(*parts, sparse))
+        rows, each = self.capacity(len(sparse)), sparse.shape[1:]
+        full = (*parts, sparse.new_zeros((rows, *each)))
+        found = self.recordings((rows, *each), self.prompter, full)(*parts, sparse)
+        return tuple(part[: len(sparse)] for part in found)
 
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
@@ -188,7 +193,10 @@ class OpenVinoBackend:
 
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> "CompiledModel":
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
-        options = {"INFERENCE_PRECISION_HINT": self.precision, "PERFORMANCE_HINT": "LATENCY"}
+        options = {
+            "INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision,
+            "PERFORMANCE_HINT": "LATENCY",
+        }
         graph = self.graphs[name].clone()
         if shapes:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))

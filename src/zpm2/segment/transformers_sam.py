@@ -208,7 +208,7 @@ class TransformersSam:
         self._model = model.eval().requires_grad_(False).to(self._device)
 
     def encode(self, pixels: Array) -> "Encoded":
-        with self._torch.inference_mode(), self._arithmetic():
+        with self._torch.inference_mode():
             found = self._model.get_image_embeddings(self._to(pixels))
         if isinstance(found, tuple):  # SAM-HQ: and what its blocks with global attention gave
             return {"image_embeddings": found[0], "intermediate_embeddings": found[1]}
