@@ -113,7 +113,7 @@ class TorchBackend:
         self.embed = sam_network.PromptEmbedding.of(sam)
         self.encoder = sam_network.ImageNetwork(sam).eval().to(self.device)
         if precision != "float32":  # layers that two networks share stay single in the encoder
-            sam = deepcopy(sam)
+            sam.mask_decoder = deepcopy(sam.mask_decoder)
         self.prompter = sam_network.PromptNetwork(sam).eval().to(self.device, self.dtype)
         self.decoder = sam_network.MaskNetwork(sam).eval().to(self.device, self.dtype)
 
