@@ -37,6 +37,7 @@ class Published(TorchBackend):
 
     def __init__(self, model: str, device: str) -> None:
         super().__init__(model, 16, device)
+        self.resident = False
         self.sam = load_sam(model).to(self.device)
 
     def image(self, pixels: NDArray[np.float32]) -> Any:

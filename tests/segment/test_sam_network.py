@@ -110,3 +110,17 @@ signal.raise_signal(signal.SIGTERM)
 def test_signals_are_handled_after_another_thread_freed_the_networks() -> None:
     command = [sys.executable, "-X", "faulthandler", "-c", FREED_ELSEWHERE]
     assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "handled\n"
+
+
+def test_a_gpu_gets_the_same_in_its_own_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(0)
+    sam = Sam.from_name("mobile_sam").eval()
+    parts = tuple(torch.randn(shape, generator=torch.manual_seed(3)) for shape in ((4096, 256), (8, 16, 4096)))
+    parts += tuple(torch.randn(shape, generator=torch.manual_seed(4)) for shape in ((8, 4096, 16), (4096, 128)))
+    sparse = torch.randn(2, 3, 256, generator=torch.manual_seed(5))
+    network = sam_network.PromptNetwork(sam).eval()
+    with torch.inference_mode():
+        expected = network(*parts, sparse)
+        monkeypatch.setattr(sam_network, "_on_gpu", lambda tensor: True)
+        for one, other in zip(expected, network(*parts, sparse), strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-3)

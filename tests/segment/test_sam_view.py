@@ -120,6 +120,18 @@ def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> N
         assert same(torch.predict(prompts, EVERYTHING), view.predict(prompts, EVERYTHING))
 
 
+def test_sixteen_bits_give_the_masks_of_single_precision(view: SamView, points: np.ndarray) -> None:
+    half = SamSegmenter(SegmentConfig(backend="torch", precision="bfloat16")).view(view.image)
+    one, other = (v.predict(Prompts.at(points[:12]), MaskThresholds(-9.0, 0.0)) for v in (view, half))
+    assert np.array_equal(one.prompt, other.prompt)
+    good = one.passing(MaskThresholds(0.8, 0.9))
+    iou = (one.bits & other.bits).sum((1, 2)) / (one.bits | other.bits).sum((1, 2))
+    assert good.sum() >= 8
+    assert np.median(iou[good]) > 0.99
+    assert iou[good].min() > 0.9
+    assert np.abs(one.score - other.score)[good].max() < 0.03
+
+
 def test_no_region_over_pixels_without_data(view: SamView, points: np.ndarray) -> None:
     valid = np.ones((view.image.height, view.image.width), bool)
     valid[:, : view.image.width // 2] = False

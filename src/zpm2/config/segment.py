@@ -143,6 +143,14 @@ class SegmentConfig:
     backend: Literal["auto", "openvino", "torch"] = option(
         "auto", "auto: openvino on a CPU where it is installed, else torch"
     )
+    precision: Literal["float32", "float16", "bfloat16"] = option(
+        "float32",
+        "of the networks' arithmetic; half of it is faster where the device has units for it",
+        source=MEASURED,
+    )
+    cuda_graphs: Literal["off", "on"] = option(
+        "off", "on: a GPU records the kernels of a network once, and then starts them together"
+    )
     grid: int = number(
         32,
         "prompts along each image side, grid x grid in all",

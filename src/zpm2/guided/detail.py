@@ -32,7 +32,6 @@ from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
 from zpm2.segment import automatic, family
 from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import PromptedView
-from zpm2.segment.suppression import boxes
 
 KNOWN, ASKED_FOR = -1, -2  # in place of the row of a prompt
 LOGIT = 8.0  # of a pixel of a known region
@@ -132,7 +131,7 @@ class _Window:
     def uncut(self, k: int, predictions: MaskPredictions) -> MaskPredictions:
         """Without masks of image k that touch a border of the window which is no border of the image."""
         box, size = (self.boxes.left, self.boxes.right)[k], (self.images[k].width, self.images[k].height)
-        view, bounds = self.views[k], boxes(predictions.bits)
+        view, bounds = self.views[k], predictions.extent.box
         inner = np.array([box[0] > 0, box[1] > 0, box[2] < size[0], box[3] < size[1]])
         height, width = view.size
         touches = np.c_[bounds[:, :2] <= 0, bounds[:, 2:] >= [width, height]]

@@ -28,11 +28,11 @@ from zpm2.polygons.nest import with_parents
 from zpm2.polygons.vectorize import outlines
 from zpm2.polygons.visible import touched, within_borders
 from zpm2.polygons.warp import WarpedPolygons, warp_by_points
-from zpm2.segment import automatic
+from zpm2.segment import automatic, stacks
 from zpm2.segment.inner_points import inner_points
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
-from zpm2.segment.suppression import boxes
+from zpm2.segment.stacks import BitStack, boxes
 
 Array = NDArray[np.float64]
 PointsAndH = tuple[PointMatches, Array | Failed]  # as `InitialGeometry.forward` and `backward` return them
@@ -176,12 +176,12 @@ def accepted_masks(
     polygons = PolygonArrays(regions.polygons)
     warped = warp_by_points(polygons, *there, config.local_match)
     cover = view.cover(warped.shapes)
-    shown = _shown(view, polygons, warped, regions.view, config)
+    target = _Target.of(cover, _shown(view, polygons, warped, regions.view, config))
     rows = _prompting(view, cover, warped.shapes, config)
     found = []
     for points in sorted({1, limits.points}):  # first the cheap question, which most regions answer
         predictions = _predict_in(view, cover, rows, points, config)
-        best, overlap = _best(predictions, cover, shown)
+        best, overlap = _best(predictions, target)
         good = overlap >= min(limits.min_checked_overlap, limits.min_overlap)
         best, overlap = best[good], overlap[good]
         few, loose = warped.own[predictions.prompt[best]] < limits.min_points, overlap < limits.min_overlap
@@ -210,7 +210,7 @@ def _prompting(
     view: PromptedView, cover: NDArray[np.bool_], shapes: NDArray[np.object_], config: Config
 ) -> NDArray[np.intp]:
     """The rows of (n,) warped shapes that `view` shows well enough to be asked for; they cover its pixels `cover`."""
-    pixels = cover.sum((1, 2))
+    pixels = stacks.counts(cover)
     visible = pixels / view.mask_scale**2 >= config.guided.min_visible * shapely.area(shapes)
     return np.flatnonzero(visible & (pixels >= config.guided.min_pixels))
 
@@ -223,16 +223,41 @@ def _predict_in(
     return dataclasses.replace(predictions, prompt=rows[predictions.prompt])
 
 
-def _best(
-    predictions: MaskPredictions, target: NDArray[np.bool_], shown: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], Array]:
-    """For each prompt, the row of the mask that overlaps `target[prompt]` most, and their IoU, both over the pixels
-    `shown[prompt]`."""
-    where = shown[predictions.prompt]
-    bits, wanted = predictions.bits & where, target[predictions.prompt] & where
-    overlap = (bits & wanted).sum((1, 2)) / np.maximum((bits | wanted).sum((1, 2)), 1)
-    order = np.lexsort((-overlap, predictions.prompt))
-    _, first = np.unique(predictions.prompt[order], return_index=True)
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """The pixels of a view that the photograph of another one can show, too: all of them, but for some shapes."""
+
+    rows: NDArray[np.intp]  # (k,) of the shapes that are cut off
+    bits: NDArray[np.bool_]  # (k, h, w) what is left
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What n shapes cover of the pixels of a view that both photographs can show."""
+
+    bits: BitStack  # (n, h, w)
+    area: NDArray[np.int64]  # (n,) px^2
+    shown: _Shown
+
+    @staticmethod
+    def of(bits: BitStack, shown: _Shown) -> "_Target":
+        if len(shown.rows):
+            bits = stacks.limited(bits, shown.rows, shown.bits)
+        return _Target(bits, stacks.counts(bits), shown)
+
+
+def _best(predictions: MaskPredictions, target: _Target) -> tuple[NDArray[np.intp], Array]:
+    """For each prompt, the row of the mask that overlaps its row of `target` most, and their IoU, both over the pixels
+    that are shown."""
+    prompt, bits, area = predictions.prompt, predictions.inside, predictions.extent.area.copy()
+    cut = np.flatnonzero(np.isin(prompt, target.shown.rows))
+    if len(cut):
+        of = np.searchsorted(target.shown.rows, prompt[cut])
+        area[cut] = stacks.shared(predictions[cut].inside, target.shown.bits, of)
+    shared = stacks.shared(bits, target.bits, prompt)
+    overlap = shared / np.maximum(area + target.area[prompt] - shared, 1)
+    order = np.lexsort((-overlap, prompt))
+    _, first = np.unique(prompt[order], return_index=True)
     return order[first], overlap[order[first]]
 
 
@@ -250,25 +275,23 @@ def _return_overlap(
     cover = regions.view.cover(warped.shapes)
     asked = _prompting(regions.view, cover, warped.shapes, config)
     returned = _predict_in(regions.view, cover, asked, 1, config)
-    target = regions.predictions[predictions.prompt[rows]].bits
-    best, overlap = _best(returned, target, _shown(regions.view, arrays, warped, view, config))
+    wanted = regions.predictions[predictions.prompt[rows]].inside
+    best, overlap = _best(returned, _Target.of(wanted, _shown(regions.view, arrays, warped, view, config)))
     result[rows[returned.prompt[best]]] = overlap
     return result
 
 
 def _shown(
     view: PromptedView, polygons: PolygonArrays, warped: WarpedPolygons, own: PromptedView, config: Config
-) -> NDArray[np.bool_]:
-    """(n, h, w) the pixels of `view` that the photograph of the view `own` can show, too, as far as its borders cut off
-    one of its `polygons`, `warped` into `view` by enough points (`polygons.visible`)."""
+) -> _Shown:
+    """What `view` and the photograph of the view `own` both show, where borders of the latter cut off one of its
+    `polygons`, `warped` into `view` by enough points (`polygons.visible`)."""
     limits, size = config.local_match.visible, (own.image.width, own.image.height)
-    shown: NDArray[np.bool_] = np.ones((len(polygons), *view.size), bool)
     sides = touched(polygons.shapes, size, limits.border)
-    rows = np.flatnonzero(sides.any(1) & (warped.own >= limits.min_points))
-    if limits.on and len(rows):
-        whole = np.full(len(rows), shapely.box(0, 0, view.image.width, view.image.height), object)
-        shown[rows] = view.cover(within_borders(whole, warped.maps[rows], size, sides[rows], polygons.centers[rows]))
-    return shown
+    rows = np.flatnonzero(sides.any(1) & (warped.own >= limits.min_points) & limits.on)
+    whole = np.full(len(rows), shapely.box(0, 0, view.image.width, view.image.height), object)
+    parts = within_borders(whole, warped.maps[rows], size, sides[rows], polygons.centers[rows]) if len(rows) else whole
+    return _Shown(rows, view.cover(parts))
 
 
 def view_regions(view: PromptedView, predictions: MaskPredictions, config: Config, guided: int) -> ViewRegions:

@@ -15,7 +15,7 @@ from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
-from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter, notes_of
+from zpm2.segment.protocol import JointSegmenter, PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
 from zpm2.segment.view_of import view_of
 
 
@@ -89,9 +89,7 @@ class RegionFinder:
             elif not initial.supported:
                 why_not = "no geometry for guided re-detection: each image was segmented alone"
             else:
-                left, right = (
-                    view_of(segmenter, image, kept) for segmenter, image in zip(prompted, images, strict=True)
-                )
+                left, right = _views(prompted, images, kept)
                 known = kept.found(
                     images[0],
                     ("everything", id(prompted[0])),
@@ -128,11 +126,11 @@ class RegionFinder:
         """`found`, with the matches that it has, and the regions that a closer look finds where it pays (`detail`).
         `match` finds the matches of regions. `found` itself where nothing is to be looked at."""
         assert found.prompted is not None
-        left, right = (segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter))
+        prompted = [segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter)]
         more = detail.look_closer(
             found.prompted,
             found.images,
-            lambda first, second: (left.view(first), right.view(second)),
+            lambda first, second: _views(prompted, (first, second)),
             initial,
             matches,
             lambda pair: match(self._guided(found.images, pair, initial)),
@@ -171,6 +169,17 @@ class RegionFinder:
             found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, notes_of(segmenter)
+
+
+def _views(
+    segmenters: Sequence[PromptedSegmenter], images: tuple[Image, Image], kept: KeptPhotos = NOTHING_KEPT
+) -> tuple[PromptedView, PromptedView]:
+    """Both photographs, encoded: together where one segmenter can and none is kept for other pairs."""
+    one, other = segmenters
+    if one is other and isinstance(one, JointSegmenter) and not kept.most:
+        left, right = one.views(images)
+        return left, right
+    return view_of(one, images[0], kept), view_of(other, images[1], kept)
 
 
 def no_matches(matches: Sequence[PolygonMatch]) -> list[str]:

@@ -70,9 +70,13 @@ def _inside(
     a, b = a[edge], b[edge]
     crossing = a[:, 0] + (row + 0.5 - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
     column = np.ceil(np.clip(crossing - 0.5, x0, x0 + width)).astype(np.int64)  # first centre right of the crossing
-    at = (owner[edge] * height + row - y0) * (width + 1) + column - x0
-    crossings = np.bincount(at, minlength=n * height * (width + 1)).reshape(n, height, width + 1)
-    return np.cumsum(crossings, axis=2)[:, :, :width] % 2 == 1
+    line = owner[edge] * height + row - y0
+    order = np.lexsort((column, line))
+    line, column = line[order].tolist(), (column[order] - x0).tolist()
+    bits = np.zeros((n * height, width), bool)
+    for at, start, end in zip(line[::2], column[::2], column[1::2], strict=True):  # rings cross a line in pairs
+        bits[at, start:end] = True
+    return bits.reshape(n, height, width)
 
 
 def _chunks(count: int, most: int) -> Iterator[slice]:

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Mask
-from zpm2.segment import suppression
+from zpm2.segment import stacks, suppression
 from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView
 
-MASK_CHUNK = 256  # masks processed at a time; one takes up to 64 kB
 Rows = NDArray[np.int64]
 
 
@@ -79,7 +78,7 @@ def _predict_selected(
     limits, fast = config.prompts, config.quality == "fast"
     points, coverage = grid(config.grid, view.size), _Coverage(view.size)
     spots = blobs(view.image, valid, limits)
-    coverage.add(known.bits, known.bits)
+    coverage.add(known, np.arange(len(known)))
     coverage.covered |= ~valid
     shares = (
         limits.first,
@@ -96,7 +95,7 @@ def _predict_selected(
         while prompted < most and len(rows := rows[wanted(rows)]):
             batch, rows = np.split(rows, [min(view.batch, most - prompted)])
             predictions = view.predict(Prompts.at(at[batch] / view.mask_scale), thresholds)
-            coverage.add(predictions.bits, _finest_around(predictions, *_pixels(at[batch])).bits)
+            coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))
             found.append(predictions)
             prompted += len(batch)
             progress((done + prompted) / (first + most_blobs + most_uncovered))
@@ -118,13 +117,15 @@ class _Coverage:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.covered: NDArray[np.bool_] = np.zeros(size, bool)  # by the finest mask of a prompt, or without data
-        self.smallest: NDArray[np.float64] = np.full(size, np.inf)  # px^2, of the masks that hold a pixel
+        self.smallest: NDArray[np.int32] = np.full(size, stacks.NO_MASK, np.int32)  # px^2, of masks that hold a pixel
 
-    def add(self, masks: NDArray[np.bool_], finest: NDArray[np.bool_]) -> None:
-        """Adds masks (n, h, w); `finest` (m, h, w) are those that are the finest of a prompt."""
-        self.covered |= finest.any(0)
-        for bits in masks:
-            self.smallest[bits] = np.minimum(self.smallest[bits], np.count_nonzero(bits))
+    def add(self, predictions: MaskPredictions, finest: Rows) -> None:
+        """Adds masks; the rows `finest` are those that are the finest of a prompt."""
+        if not len(predictions):
+            return
+        union, smallest = stacks.painted(predictions.logits, predictions.extent, finest)
+        self.covered |= union
+        self.smallest = np.minimum(self.smallest, smallest)
 
 
 def _pixels(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -149,25 +150,21 @@ def without_duplicates(
 ) -> MaskPredictions:
     """One mask per region, highest `rank` (n,) first: of masks that overlap by more than `config.nms_iou`, the one of
     highest rank. Masks that are too small or too large are dropped."""
-    area = np.array([np.count_nonzero(logits > 0) for logits in predictions.logits], np.int64)
+    area = predictions.extent.area
     pixels = area / view.mask_scale**2  # image px^2
     usable = (pixels >= config.min_decoded_area * config.min_area) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
     rows = np.flatnonzero(usable)
     if len(rows) == 0:
         return predictions[rows]
-    chunks = (predictions.logits[rows[k : k + MASK_CHUNK]] > 0 for k in range(0, len(rows), MASK_CHUNK))
-    packed, box = map(
-        np.concatenate, zip(*((suppression.pack(bits), suppression.boxes(bits)) for bits in chunks), strict=True)
-    )
-    return predictions[rows[suppression.suppress(packed, box, area[rows], rank[rows], config.nms_iou)]]
+    chosen = predictions[rows] if len(rows) < len(predictions) else predictions
+    return chosen[suppression.suppress_stack(chosen.logits, chosen.extent, rank[rows], config.nms_iou)]
 
 
-def _finest_around(predictions: MaskPredictions, row: NDArray[np.int64], column: NDArray[np.int64]) -> MaskPredictions:
-    """Of each prompt the smallest mask that contains its own point."""
-    bits = predictions.bits
-    around = np.flatnonzero(bits[np.arange(len(bits)), row[predictions.prompt], column[predictions.prompt]])
-    area = bits[around].sum((1, 2))
-    order = around[np.lexsort((area, predictions.prompt[around]))]
-    _, first = np.unique(predictions.prompt[order], return_index=True)
-    return predictions[order[first]]
+def _finest_around(predictions: MaskPredictions, row: NDArray[np.int64], column: NDArray[np.int64]) -> Rows:
+    """Of each prompt the row of the smallest mask that contains its own point."""
+    prompt = predictions.prompt
+    around = np.flatnonzero(stacks.holds(predictions.logits, row[prompt], column[prompt]))
+    order = around[np.lexsort((predictions.extent.area[around], prompt[around]))]
+    _, first = np.unique(prompt[order], return_index=True)
+    return order[first]

@@ -23,7 +23,7 @@ from zpm2.segment.predictions import (
     Prompts,
 )
 from zpm2.segment.protocol import PromptedView
-from zpm2.segment.suppression import boxes
+from zpm2.segment.stacks import boxes
 
 FINE = 2  # px of the correlated photograph per px of a decoded mask
 
@@ -40,12 +40,13 @@ def with_families(
     `where` (height, width) of a decoded mask holds the prompts; None: all of the view.
     """
     valid = has_data(view.image, view.size)
-    places = _repetitions(view, predictions.bits, config.family, valid if where is None else where & valid)
+    known = predictions.bits
+    places = _repetitions(view, known, config.family, valid if where is None else where & valid)
     if not len(places.seed):
         return predictions
-    found = view.predict(places.prompts(predictions.bits, view.mask_scale), thresholds)
+    found = view.predict(places.prompts(known, view.mask_scale), thresholds)
     rows = zip(found.prompt, found.bits, strict=True)
-    fits = np.array([places.overlap(row, bits, predictions.bits) for row, bits in rows], float)
+    fits = np.array([places.overlap(row, bits, known) for row, bits in rows], float)
     good = found[fits >= config.family.min_overlap]
     both = MaskPredictions.join([predictions, good])
     return automatic.without_duplicates(both, np.arange(len(both), 0.0, -1.0), config, view)

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
-from zpm2.segment import automatic
-from zpm2.segment.mask_view import MaskView
+from zpm2.segment import automatic, stacks
+from zpm2.segment.mask_view import MaskView, Room, predicted, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import MEAN, NETWORK_LOCK, STD
+from zpm2.segment.sam import NETWORK_LOCK
+from zpm2.segment.sam_input import MEAN, STD
+from zpm2.segment.stacks import Stack
 
 Array = NDArray[np.float32]
 Encoded = TypeVar("Encoded")  # what a network makes of a photograph, and only it reads
-MAX_LOGIT = 60.0  # beyond which a logit says nothing more; fits into 16 bits
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class MaskNetwork(Protocol[Encoded]):
     def encode(self, pixels: Array) -> Encoded:
         """(1, 3, side, side) -> what `decode` needs of the photograph."""
 
-    def decode(self, encoded: Encoded, points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    def decode(self, encoded: Encoded, points: Array, labels: NDArray[np.int64]) -> tuple[Array, Stack]:
         """Prompts as points (B, P, 2), px of the square from its outer corner, with labels (P,) as in `predictions` ->
         predicted IoU (B, M), 0..1, and logits (B, M, m, m) over the whole square."""
 
@@ -68,18 +69,19 @@ class MaskNetwork(Protocol[Encoded]):
 class NetworkView(MaskView, Generic[Encoded]):
     """One photograph as a `MaskNetwork` sees it, encoded once. Implements `PromptedView`."""
 
-    def __init__(self, network: MaskNetwork[Encoded], image: Image, config: SegmentConfig) -> None:
+    def __init__(
+        self, network: MaskNetwork[Encoded], image: Image, config: SegmentConfig, room: Room | None = None
+    ) -> None:
         super().__init__(image, network.sight.side)
         self.network, self.config, self.batch = network, config, network.batch
+        self.room = room or Room(network.batch, [])  # of all views of the network
         self.scale = network.sight.scale(image)
         with NETWORK_LOCK:
             self.encoded = network.encode(network.sight.pixels(image))
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`."""
-        starts = range(0, len(prompts), self.batch)
-        found = [self._predict_batch(prompts[s : s + self.batch], s, thresholds) for s in starts]
-        return MaskPredictions.join([MaskPredictions.none(self.size), *found])
+        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
 
     def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
         points = np.asarray(prompts.points * self.scale, np.float32)
@@ -88,21 +90,21 @@ class NetworkView(MaskView, Generic[Encoded]):
         good = iou >= thresholds.predicted_iou
         if not good.any():
             return MaskPredictions.none(self.size)
-        logits, score = self._in_proportion(squares[good]), iou[good]
-        inner = (logits > self.config.stability_offset).sum((1, 2))
-        outer = (logits > -self.config.stability_offset).sum((1, 2))
-        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
-        keep = (stability >= thresholds.stability) & (inner > 0)
-        prompt = start + np.nonzero(good)[0][keep]
-        small = np.clip(logits[keep], -MAX_LOGIT, MAX_LOGIT).astype(np.float16)
-        return MaskPredictions(prompt, score[keep].astype(np.float32), stability[keep], small)
+        prompt = start + np.nonzero(good)[0]
+        flat = stacks.take(squares.reshape(-1, *squares.shape[2:]), np.flatnonzero(good))
+        return settled(prompt, iou[good], self._in_proportion(flat), self.config.stability_offset, thresholds)
 
-    def _in_proportion(self, squares: Array) -> Array:
+    def _in_proportion(self, squares: Stack) -> Stack:
         """(n, m, m) logits over the square -> (n, height, width) of the photograph in its own proportions."""
         height, width = self.size
         if squares.shape[1] == MASK_SIDE and np.allclose(self.scale, self.scale.max()):
-            return np.ascontiguousarray(squares[:, :height, :width])
+            part = squares[:, :height, :width]
+            return np.ascontiguousarray(part) if isinstance(part, np.ndarray) else part
         x, y = self.scale / self.mask_scale * squares.shape[1] / self.network.sight.side  # their px per px of ours
+        if not isinstance(squares, np.ndarray):
+            from zpm2.segment import device_stacks
+
+            return device_stacks.resampled(squares, float(x), float(y), self.size)
         to_square = np.array([[x, 0, x / 2 - 0.5], [0, y, y / 2 - 0.5]])
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         each = (
@@ -128,10 +130,11 @@ class NetworkSegmenter(Generic[Encoded]):
     ) -> None:
         self.name, self.config, self.network = name, config, network
         self.notes, self.progress = list(notes), progress
+        self._room = Room(network.batch, self.notes)
 
     def view(self, image: Image) -> NetworkView[Encoded]:
         """The photograph, encoded."""
-        return NetworkView(self.network, image, self.config)
+        return NetworkView(self.network, image, self.config, self._room)
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, best score first."""

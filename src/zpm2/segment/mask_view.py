@@ -1,15 +1,20 @@
 """What the views of all promptable networks share: masks at the decoder's resolution, and back to pixels."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.errors import InputError
+from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image, Mask, thin
 from zpm2.polygons.rasterize import rasterize_stack
-from zpm2.segment import suppression
-from zpm2.segment.predictions import MASK_SIDE, MaskPredictions
+from zpm2.segment import stacks
+from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.stacks import Counts, Rows, Stack
+
+LITTLE_MEMORY = "the GPU has little free memory"
 
 
 class MaskView:
@@ -39,11 +44,81 @@ class MaskView:
         """Each mask at the image's resolution, without pixels that hold no data."""
         if len(predictions) == 0:
             return []
-        each = zip(predictions.logits, suppression.boxes(predictions.bits), predictions.score, strict=True)
-        found = (
-            upsample(logits, box, self.image, self.mask_scale, float(min(score, 1.0))) for logits, box, score in each
-        )
-        return [mask.within(self.image.valid) for mask in found]
+        boxes, score = predictions.extent.box, np.minimum(predictions.score, 1.0).tolist()
+        logits, image, scale = predictions.logits, self.image, self.mask_scale
+        if isinstance(logits, np.ndarray):
+            found = [upsample(each, box, image, scale, s) for each, box, s in zip(logits, boxes, score, strict=True)]
+        else:
+            from zpm2.segment import device_stacks
+
+            at = np.array([_in_image(box, image, scale) for box in boxes])
+            crops = device_stacks.enlarged(logits, at, scale)
+            found = [
+                Mask(int(x0), int(y0), bits, s) if bits.size else Mask(0, 0, np.zeros((1, 1), bool), s)
+                for (x0, y0, *_), bits, s in zip(at, crops, score, strict=True)
+            ]
+        return [mask.within(image.valid) for mask in found]
+
+
+class Room:
+    """How many prompts go to a network at a time: half as many, from then on, once its device ran out of memory.
+
+    `notes` receive that. Which prompts are made does not depend on it, so results do not.
+    """
+
+    def __init__(self, most: int, notes: list[str]) -> None:
+        self.most, self.notes = most, notes
+
+    def halve(self, error: RuntimeError) -> None:
+        """After an `error`, which is raised again if it is another one. `ConfigError` where one prompt is too much."""
+        if not is_out_of_memory(error):
+            raise error
+        if self.most == 1:
+            raise ConfigError("the GPU has too little free memory for one prompt: use --device cpu") from error
+        self.most //= 2
+        self.notes[:] = [note for note in self.notes if not note.startswith(LITTLE_MEMORY)]
+        self.notes.append(f"{LITTLE_MEMORY}: prompts went to the segmenter {self.most} at a time")
+
+
+def is_out_of_memory(error: RuntimeError) -> bool:
+    """Whether a device had too little memory; told without loading torch."""
+    return type(error).__name__ == "OutOfMemoryError"
+
+
+def predicted(
+    prompts: Prompts, room: Room, predict: Callable[[Prompts, int], MaskPredictions], size: tuple[int, int]
+) -> MaskPredictions:
+    """What `predict` says to prompts, as many at a time as there is `room` for. It gets these and the row of the first;
+    `size` is that of a decoded mask."""
+    found, start = [MaskPredictions.none(size)], 0
+    while start < len(prompts):
+        part = prompts[start : start + room.most]
+        try:
+            found.append(predict(part, start))
+            start += len(part)
+        except RuntimeError as error:
+            room.halve(error)
+    return MaskPredictions.join(found)
+
+
+def settled(
+    prompt: NDArray[np.int64],
+    score: NDArray[np.float32],
+    logits: Stack,
+    offset: float,
+    thresholds: MaskThresholds,
+) -> MaskPredictions:
+    """Of masks in single precision those that are stable enough and not empty. `prompt` and `score` are (n,);
+    `offset` is `SegmentConfig.stability_offset`."""
+    stability = np.zeros(0, np.float32)
+
+    def wanted(inner: Counts, outer: Counts) -> Rows:
+        nonlocal stability
+        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
+        return np.flatnonzero((stability >= thresholds.stability) & (inner > 0))
+
+    rows, half, extent = stacks.settled(logits, offset, wanted)
+    return MaskPredictions(prompt[rows], np.asarray(score[rows], np.float32), stability[rows], half, extent)
 
 
 def decoded_size(image: Image) -> tuple[int, int]:
@@ -57,16 +132,23 @@ def upsample(
 ) -> Mask:
     """A decoded mask at the image's resolution: bilinear logits cut at 0, in the box (x0, y0, x1, y1)."""
     size = 1 / mask_scale  # image px of one low-resolution pixel
-    x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
-    x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])
+    x0, y0, x1, y1 = _in_image(box, image, mask_scale)
     if x1 <= x0 or y1 <= y0:
         return Mask(0, 0, np.zeros((1, 1), bool), score)
     to_low = np.array([[1 / size, 0, (x0 + 0.5) / size - 0.5], [0, 1 / size, (y0 + 0.5) / size - 0.5]])
     fine = cv2.warpAffine(
         logits.astype(np.float32),
         to_low,
-        (int(x1 - x0), int(y1 - y0)),
+        (x1 - x0, y1 - y0),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return Mask(int(x0), int(y0), fine > 0, score)
+    return Mask(x0, y0, fine > 0, score)
+
+
+def _in_image(box: NDArray[np.int64], image: Image, mask_scale: float) -> tuple[int, int, int, int]:
+    """What a box of decoded pixels, and one more on each side, may reach of the image: x0, y0, x1, y1."""
+    size = 1 / mask_scale
+    x0, y0 = np.maximum(np.floor((box[:2] - 1) * size).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil((box[2:] + 1) * size).astype(int), [image.width, image.height])
+    return int(x0), int(y0), int(x1), int(y1)

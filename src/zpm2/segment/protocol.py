@@ -1,7 +1,8 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`; the view may be an `EmbeddedView`), `notes` (`HasNotes`), `path` (`FromFile`).
+(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views` (`JointSegmenter`), `notes` (`HasNotes`), `path`
+(`FromFile`).
 """
 
 from collections.abc import Sequence
@@ -93,4 +94,13 @@ class PromptedSegmenter(Protocol):
 
     def view(self, image: Image) -> PromptedView:
         """The photograph, encoded."""
+        ...
+
+
+@runtime_checkable
+class JointSegmenter(PromptedSegmenter, Protocol):
+    """A `PromptedSegmenter` that encodes several photographs at once, where that is faster."""
+
+    def views(self, images: Sequence[Image]) -> Sequence[PromptedView]:
+        """The photographs, encoded."""
         ...

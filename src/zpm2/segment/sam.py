@@ -4,9 +4,8 @@ Masks stay at the decoder's resolution, 256 px along the longer side, until the 
 brought to the image's resolution.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,17 +13,14 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
 from zpm2.runtime import ForkAwareLock
-from zpm2.segment import automatic
-from zpm2.segment.mask_view import MaskView
+from zpm2.segment import automatic, stacks
+from zpm2.segment.mask_view import MaskView, Room, is_out_of_memory, predicted, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam_backend import TOKEN_PX, SamBackend, open_backend
+from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, open_backend
+from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input, reduced
 
-ENCODER_SIDE = 1024  # px, the square that the image encoder sees
 AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
 NETWORK_LOCK = ForkAwareLock()  # one for all segmenters: each of their networks uses all cores
-# of ImageNet's R, G and B in 0..255, which the released networks were trained with
-MEAN = np.array([123.675, 116.28, 103.53], np.float32)
-STD = np.array([58.395, 57.12, 57.375], np.float32)
 
 
 class SamSegmenter:
@@ -47,6 +43,7 @@ class SamSegmenter:
         self.name: str = config.model
         self.notes: list[str] = []
         self._backend: SamBackend | None = None
+        self._shared: Room | None = None  # of all views
 
     def load(self) -> SamBackend:
         """The networks, loaded (and converted, once per machine) at the first call."""
@@ -60,7 +57,28 @@ class SamSegmenter:
 
     def view(self, image: Image) -> "SamView":
         """The photograph, encoded."""
-        return SamView(self.load(), image, self.config)
+        backend = self.load()
+        return SamView(backend, image, self.config, self._room(backend))
+
+    def views(self, images: Sequence[Image]) -> "list[SamView]":
+        """The photographs, encoded; on a GPU in one batch."""
+        backend = self.load()
+        if not isinstance(backend, TorchBackend) or not backend.resident:
+            return [self.view(image) for image in images]
+        room = self._room(backend)
+        try:
+            with NETWORK_LOCK:
+                encoded = backend.images([reduced(image, encoder_scale(image)) for image in images])
+        except RuntimeError as error:
+            if not is_out_of_memory(error):
+                raise
+            return [self.view(image) for image in images]
+        return [SamView(backend, image, self.config, room, each) for image, each in zip(images, encoded, strict=True)]
+
+    def _room(self, backend: SamBackend) -> Room:
+        if self._shared is None:
+            self._shared = Room(backend.batch, self.notes)
+        return self._shared
 
     def segment(self, image: Image) -> list[Mask]:
         """The regions, best score first."""
@@ -68,16 +86,28 @@ class SamSegmenter:
 
 
 class SamView(MaskView):
-    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and
-    `EmbeddedView`."""
+    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and `EmbeddedView`.
 
-    def __init__(self, backend: SamBackend, image: Image, config: SegmentConfig) -> None:
+    `encoded` is what `backend.image` returns of it, where that is known, and `room` that of all views of a backend.
+    """
+
+    def __init__(
+        self,
+        backend: SamBackend,
+        image: Image,
+        config: SegmentConfig,
+        room: Room | None = None,
+        encoded: Opaque | None = None,
+    ) -> None:
         super().__init__(image, ENCODER_SIDE)
         self.backend, self.config, self.batch = backend, config, backend.batch
-        self.scale = ENCODER_SIDE / max(image.width, image.height)  # px of the square per image px
+        self.room = room or Room(backend.batch, [])
+        self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
-        with NETWORK_LOCK:
-            self.parts = backend.image(encoder_input(image, self.scale))
+        self.parts = encoded
+        if encoded is None:
+            with NETWORK_LOCK:
+                self.parts = backend.image(encoder_input(image, self.scale))
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`. Masks whose predicted IoU is too low are not decoded.
@@ -86,9 +116,7 @@ class SamView(MaskView):
         predicts SAM's mask for unambiguous prompts.
         """
         first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
-        starts = range(0, len(prompts), self.batch)
-        found = [self._predict_batch(prompts[s : s + self.batch], s, first, thresholds) for s in starts]
-        return MaskPredictions.join([MaskPredictions.none(self.size), *found])
+        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, first, thresholds), self.size)
 
     def _predict_batch(self, prompts: Prompts, start: int, first: int, thresholds: MaskThresholds) -> MaskPredictions:
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
@@ -98,16 +126,12 @@ class SamView(MaskView):
             rows = np.flatnonzero((iou >= thresholds.predicted_iou).any(1))
             if len(rows) == 0:
                 return MaskPredictions.none(self.size)
-            logits = self.backend.mask(tokens, rows, hyper[rows], self.size)
+            logits = self.backend.mask(tokens, rows, stacks.take(hyper, rows), self.size)
             iou = iou[rows]  # a copy
         good = iou >= thresholds.predicted_iou
-        logits, score = logits[good], iou[good]
-        inner = (logits > self.config.stability_offset).sum((1, 2))
-        outer = (logits > -self.config.stability_offset).sum((1, 2))
-        stability = np.asarray(inner / np.maximum(outer, 1), np.float32)
-        keep = (stability >= thresholds.stability) & (inner > 0)
-        prompt = start + rows[np.nonzero(good)[0][keep]]
-        return MaskPredictions(prompt, score[keep], stability[keep], np.clip(logits[keep], -60, 60).astype(np.float16))
+        flat = stacks.take(logits.reshape(-1, *logits.shape[2:]), np.flatnonzero(good))
+        prompt = start + rows[np.nonzero(good)[0]]
+        return settled(prompt, iou[good], flat, self.config.stability_offset, thresholds)
 
     def embedding(self) -> NDArray[np.float32]:
         """(256, h, w) the encoder's image tokens, without those of the padding."""
@@ -116,11 +140,6 @@ class SamView(MaskView):
         return self.backend.tokens(self.parts).reshape(grid, grid, -1)[:height, :width].transpose(2, 0, 1)
 
 
-def encoder_input(image: Image, scale: float) -> NDArray[np.float32]:
-    """(1, 3, 1024, 1024): the image resized by `scale`, normalised, padded with zeros at the right and bottom."""
-    w, h = min(ENCODER_SIDE, max(1, round(image.width * scale))), min(ENCODER_SIDE, max(1, round(image.height * scale)))
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(image.rgb, (w, h), interpolation=how).astype(np.float32)
-    square = np.zeros((1, 3, ENCODER_SIDE, ENCODER_SIDE), np.float32)
-    square[0, :, :h, :w] = ((small - MEAN) / STD).transpose(2, 0, 1)
-    return square
+def encoder_scale(image: Image) -> float:
+    """px of the encoder's square per image px."""
+    return ENCODER_SIDE / max(image.width, image.height)

@@ -28,6 +28,8 @@ def open_network(
 
     on_gpu = device == "cuda" and CUDA in onnxruntime.get_available_providers()
     notes = [] if on_gpu or device == "cpu" else ["sam2_tiny runs on the CPU; for the GPU: pip install onnxruntime-gpu"]
+    if config.precision != "float32":
+        notes.append("sam2_tiny runs in single precision, which its files are in (segment.precision)")
     mark_networks_loaded()
     return Sam2Onnx(onnxruntime, on_gpu, config.gpu_batch if on_gpu else config.cpu_batch, download), notes
 

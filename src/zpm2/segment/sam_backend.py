@@ -5,7 +5,8 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from functools import cache
 from importlib.util import find_spec
 from math import isqrt
@@ -19,6 +20,8 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
+from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
+from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
@@ -33,6 +36,7 @@ Tokens = TypeVar("Tokens", "Tensor", Array)
 VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
+PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 
 
@@ -52,10 +56,10 @@ class SamBackend(Protocol):
     def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
-    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Array, Opaque]:
+    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Stack, Opaque]:
         """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
 
-    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
         `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
 
@@ -73,8 +77,9 @@ def open_backend(config: SegmentConfig, device: str, say: Say, download: weights
         raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
     weights.get(WEIGHTS[model], progress=download)
     if device == "cpu" and installed and backend != "torch":
-        return OpenVinoBackend(model, config.cpu_batch, say)
-    return TorchBackend(model, config.cpu_batch if device == "cpu" else config.gpu_batch, device)
+        return OpenVinoBackend(model, config.cpu_batch, say, config.precision)
+    batch = config.cpu_batch if device == "cpu" else config.gpu_batch
+    return TorchBackend(model, batch, device, config.precision, config.cuda_graphs == "on")
 
 
 def load_sam(model: str) -> "Sam":
@@ -87,43 +92,82 @@ def load_sam(model: str) -> "Sam":
 
 
 class TorchBackend:
-    """The networks in torch."""
+    """The networks in torch. Where they run on a GPU (`resident`), masks and what belongs to them stay there.
+
+    `precision` is that of the prompt and the mask network. With `recorded`, a GPU starts the kernels of a network
+    together (`cuda_graph`).
+    """
 
     name = "torch"
 
-    def __init__(self, model: str, batch: int, device: str) -> None:
+    def __init__(self, model: str, batch: int, device: str, precision: str = "float32", recorded: bool = False) -> None:
         import torch
 
-        from zpm2.segment import sam_network
+        from zpm2.segment import cuda_graph, sam_network
+        from zpm2.segment.device_stacks import to_host
 
-        self.torch, self.device = torch, torch.device(device)
-        self.batch = batch
+        self.to_host, self.capacity = to_host, cuda_graph.capacity
+        self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
+        self.batch, self.resident = batch, self.device.type != "cpu"
+        self.recordings = cuda_graph.Recordings() if recorded and self.resident else None
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
-        self.networks = [
-            network(sam).eval().to(self.device)
-            for network in (sam_network.ImageNetwork, sam_network.PromptNetwork, sam_network.MaskNetwork)
-        ]
+        self.encoder = sam_network.ImageNetwork(sam).eval().to(self.device)
+        if precision != "float32":  # layers that two networks share stay single in the encoder
+            sam.mask_decoder = deepcopy(sam.mask_decoder)
+        self.prompter = sam_network.PromptNetwork(sam).eval().to(self.device, self.dtype)
+        self.decoder = sam_network.MaskNetwork(sam).eval().to(self.device, self.dtype)
 
     def _to(self, array: NDArray[np.generic]) -> "Tensor":
         return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device)
 
+    def _out(self, tensor: "Tensor") -> Stack:
+        return tensor if self.resident else tensor.float().numpy()
+
     def image(self, pixels: Array) -> "tuple[Tensor, ...]":
         with self.torch.inference_mode():
-            return self.networks[0](self._to(pixels))
+            return self._in_half(self.encoder(self._to(pixels)))
+
+    def images(self, reduced: Sequence[NDArray[np.uint8]]) -> "list[tuple[Tensor, ...]]":
+        """`image` of several photographs (h, w, 3), reduced to fit the square, in one batch."""
+        with self.torch.inference_mode():
+            squares = self.torch.zeros(len(reduced), 3, ENCODER_SIDE, ENCODER_SIDE, device=self.device)
+            mean, std = self._to(MEAN), self._to(STD)
+            for square, rgb in zip(squares, reduced, strict=True):
+                normal = (self._to(rgb).float() - mean) / std
+                square[:, : rgb.shape[0], : rgb.shape[1]] = normal.permute(2, 0, 1)
+            encode: Callable[..., tuple[Tensor, ...]] = self._embeddings
+            if self.recordings is not None:
+                encode = self.recordings((len(squares),), self._embeddings, (squares,))
+            return [self._in_half(self.encoder.parts(each)) for each in encode(squares)[0]]
+
+    def _embeddings(self, squares: "Tensor") -> "tuple[Tensor, ...]":
+        return (self.encoder.encoder(squares),)
+
+    def _in_half(self, parts: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
+        return tuple(part.to(self.dtype) for part in parts)
 
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
-        return np.asarray(parts[0].cpu().numpy())
+        return np.asarray(parts[0].float().cpu().numpy())
 
-    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Array, Tensor]":
+    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
-            iou, hyper, tokens = self.networks[1](*parts, self._to(sparse))
-            return iou.cpu().numpy(), hyper.cpu().numpy(), tokens
+            iou, hyper, tokens = self._prompted(parts, self._to(sparse).to(self.dtype))
+            return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
 
-    def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def _prompted(self, parts: "tuple[Tensor, ...]", sparse: "Tensor") -> "tuple[Tensor, ...]":
+        if self.recordings is None:
+            return tuple(self.prompter(*parts, sparse))
+        rows, each = self.capacity(len(sparse)), sparse.shape[1:]
+        full = (*parts, sparse.new_zeros((rows, *each)))
+        found = self.recordings((rows, *each), self.prompter, full)(*parts, sparse)
+        return tuple(part[: len(sparse)] for part in found)
+
+    def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
+        weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
         with self.torch.inference_mode():
-            logits = self.networks[2](_part(tokens[self._to(rows)], size), self._to(hyper))
-        return logits[:, :, : size[0], : size[1]].cpu().numpy()
+            logits = self.decoder(_part(tokens[self._to(rows)], size), weights)
+        return self._out(logits[:, :, : size[0], : size[1]])
 
 
 @cache
@@ -140,16 +184,16 @@ def openvino_core() -> "Core":
 
 
 class OpenVinoBackend:
-    """The networks converted to OpenVINO, single precision, on the CPU."""
+    """The networks converted to OpenVINO, on the CPU."""
 
     name = "openvino"
 
-    def __init__(self, model: str, batch: int, say: Say) -> None:
+    def __init__(self, model: str, batch: int, say: Say, precision: str = "float32") -> None:
         import openvino
 
         from zpm2.segment.sam_network import PromptEmbedding
 
-        self.batch = batch
+        self.batch, self.precision = batch, PRECISIONS[precision]
         folder = _converted(model, openvino.__version__, say)
         mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
@@ -163,7 +207,10 @@ class OpenVinoBackend:
 
     def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> "CompiledModel":
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
-        options = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+        options = {
+            "INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision,
+            "PERFORMANCE_HINT": "LATENCY",
+        }
         graph = self.graphs[name].clone()
         if shapes:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
@@ -191,8 +238,9 @@ class OpenVinoBackend:
         iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
-    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Array, size: tuple[int, int]) -> Array:
+    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
         """One prompt at a time: as fast as together, and the image tokens (4 MB each) are not copied."""
+        assert isinstance(hyper, np.ndarray)
         logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
             part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]

@@ -46,7 +46,11 @@ class ImageNetwork(nn.Module):
         self.position = nn.Buffer(_position(sam))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        keys = self.encoder(image)[0].flatten(1).T + self.no_mask
+        return self.parts(self.encoder(image)[0])
+
+    def parts(self, embedding: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """What `forward` returns, of what the encoder made of one image: (256, 64, 64)."""
+        keys = embedding.flatten(1).T + self.no_mask
         positioned = keys + self.position
         k = self.to_image.k_proj(positioned).reshape(GRID * GRID, self.heads, -1).permute(1, 2, 0)
         v = self.to_image.v_proj(keys).reshape(GRID * GRID, self.heads, -1).permute(1, 0, 2)
@@ -78,7 +82,7 @@ class PromptNetwork(nn.Module):
         queries = first.norm2(queries + _token_to_shared_image(first.cross_attn_token_to_image, queries + tokens, k, v))
         queries = first.norm3(queries + first.mlp(queries))
         weights, bias, values = _token_side(first.cross_attn_image_to_token, queries + tokens, queries, fold=False)
-        image = first.norm4(keys + _attend_tokens(first.cross_attn_image_to_token, q @ weights + bias, values))
+        image = first.norm4(_attend_tokens(first.cross_attn_image_to_token, keys, q @ weights + bias, values))
 
         positioned = image + self.position
         positioned_queries = queries + tokens
@@ -89,7 +93,7 @@ class PromptNetwork(nn.Module):
         queries = second.norm3(queries + second.mlp(queries))
         weights, bias, values = _token_side(second.cross_attn_image_to_token, queries + tokens, queries, fold=True)
         image = second.norm4(
-            image + _attend_tokens(second.cross_attn_image_to_token, positioned @ weights + bias, values)
+            _attend_tokens(second.cross_attn_image_to_token, image, positioned @ weights + bias, values)
         )
 
         queries = self.final_norm(queries + _token_to_image(self.final, queries + tokens, image + self.position, image))
@@ -177,6 +181,11 @@ def _token_to_shared_image(attention: "Attention", tokens: Tensor, k: Tensor, v:
     return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
 
+def _on_gpu(tensor: Tensor) -> bool:
+    """Where other orders of the same arithmetic are fast."""
+    return tensor.is_cuda
+
+
 def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, image: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens (B, N, C); the image's k and v projections are moved to the tokens.
 
@@ -188,8 +197,11 @@ def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, 
     b, _, t, d = query.shape
     key = attention.k_proj.weight.reshape(heads, d, -1)  # H, d, C
     folded = (query @ key * d**-0.5).reshape(b, heads * t, -1)
-    weights = (positioned @ folded.transpose(1, 2)).softmax(1)  # B, N, H T: in this order the product is twice as fast
-    gathered = (weights.transpose(1, 2) @ image).reshape(b, heads, t, -1)
+    if _on_gpu(positioned):  # each device in the order in which it is fast
+        weights = (folded @ positioned.transpose(1, 2)).softmax(2)
+    else:
+        weights = (positioned @ folded.transpose(1, 2)).softmax(1).transpose(1, 2)
+    gathered = (weights @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias
     return attention.out_proj(out)
@@ -217,9 +229,16 @@ def _token_side(
     return weights, bias, values
 
 
-def _attend_tokens(attention: "Attention", scores: Tensor, values: Tensor) -> Tensor:
-    """Image tokens gather from tokens: scores (B, N, H T) and values (B, H T, C) -> (B, N, C)."""
+def _attend_tokens(attention: "Attention", image: Tensor, scores: Tensor, values: Tensor) -> Tensor:
+    """Image tokens, (N, C) or (B, N, C), and what they gather from tokens: scores (B, N, H T) and values (B, H T, C)
+    -> (B, N, C).
+
+    The weights of a head sum to one, so each head may carry its share of the bias: on a GPU, whose memory is what takes
+    time here, image tokens are then read and written once.
+    """
     b, n, columns = scores.shape
     heads = attention.num_heads
     weights = scores.reshape(b, n, heads, columns // heads).softmax(-1).reshape(b, n, columns)
-    return weights @ values + attention.out_proj.bias
+    if _on_gpu(image):
+        return torch.baddbmm(image.expand(b, -1, -1), weights, values + attention.out_proj.bias / heads)
+    return image + (weights @ values + attention.out_proj.bias)

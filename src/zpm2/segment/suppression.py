@@ -1,21 +1,21 @@
 """Non-maximum suppression of masks at the decoder's resolution."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
+
+from zpm2.segment import stacks
+from zpm2.segment.stacks import Extent, Stack, boxes
+
+__all__ = ["boxes", "leaders", "pack", "suppress", "suppress_stack"]
+Rows = NDArray[np.intp]
+WORDS_CHUNK = 256  # masks that are packed at a time; their bits take up to 64 kB each
 
 
 def pack(bits: NDArray[np.bool_]) -> NDArray[np.uint64]:
     """(n, h, w) bool -> (n, h w / 64) words, so that an intersection is an AND and a popcount. h w divides by 64."""
     return np.packbits(bits.reshape(len(bits), -1), axis=1).view(np.uint64)
-
-
-def boxes(bits: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n, h, w) bool, none empty -> (n, 4) first and one-past-last column and row: x0, y0, x1, y1."""
-    columns, rows = np.logical_or.reduce(bits, 1), np.logical_or.reduce(bits, 2)
-    w, h = columns.shape[1], rows.shape[1]
-    return np.stack(
-        [columns.argmax(1), rows.argmax(1), w - columns[:, ::-1].argmax(1), h - rows[:, ::-1].argmax(1)], axis=1
-    )
 
 
 def suppress(
@@ -24,15 +24,25 @@ def suppress(
     area: NDArray[np.int64],
     score: NDArray[np.floating],
     threshold: float,
-) -> NDArray[np.intp]:
+) -> Rows:
     """Greedy non-maximum suppression on masks (not their boxes): the indices that stay, best score first.
 
     A mask goes if its IoU with a better one that stays exceeds `threshold`. IoU is at most the ratio of the two areas,
     which decides most pairs without looking at a pixel.
     """
-    leader = leaders(packed, box, area, score, threshold)
-    order = np.argsort(-score, kind="stable")
-    return np.asarray(order[leader[order] == order], np.intp)
+    return _kept(leaders(packed, box, area, score, threshold), score)
+
+
+def suppress_stack(logits: Stack, extent: Extent, score: NDArray[np.floating], threshold: float) -> Rows:
+    """`suppress` of masks by their logits, where these are: a device compares all pairs at once."""
+    if not isinstance(logits, np.ndarray):
+        from zpm2.segment import device_stacks
+
+        alike = device_stacks.alike(logits, extent.area, threshold)
+        return _kept(_greedy(score, lambda i, free: np.flatnonzero(alike[i] & free)), score)
+    parts = (logits[k : k + WORDS_CHUNK] for k in range(0, len(logits), WORDS_CHUNK))
+    packed = np.concatenate([pack(stacks.to_host(stacks.inside(part))) for part in parts])
+    return suppress(packed, extent.box, extent.area, score, threshold)
 
 
 def leaders(
@@ -41,16 +51,29 @@ def leaders(
     area: NDArray[np.int64],
     score: NDArray[np.floating],
     threshold: float,
-) -> NDArray[np.intp]:
+) -> Rows:
     """(n,) for each mask the best one that it is suppressed by (`suppress`): itself where it stays."""
-    found = np.full(len(score), -1, np.intp)
-    for i in np.argsort(-score, kind="stable"):
-        if found[i] >= 0:
-            continue
-        found[i] = i
-        near = (found < 0) & (np.minimum(area, area[i]) > threshold * np.maximum(area, area[i]))
+
+    def alike(i: int, free: NDArray[np.bool_]) -> Rows:
+        near = free & (np.minimum(area, area[i]) > threshold * np.maximum(area, area[i]))
         near &= (box[:, :2] < box[i, 2:]).all(1) & (box[i, :2] < box[:, 2:]).all(1)
         rivals = np.flatnonzero(near)
         shared = np.bitwise_count(packed[rivals] & packed[i]).sum(1, dtype=np.int64)
-        found[rivals[shared > threshold * (area[rivals] + area[i] - shared)]] = i
+        return rivals[shared > threshold * (area[rivals] + area[i] - shared)]
+
+    return _greedy(score, alike)
+
+
+def _greedy(score: NDArray[np.floating], alike: Callable[[int, NDArray[np.bool_]], Rows]) -> Rows:
+    """`leaders`; `alike(i, free)` are the rows, of those that are `free`, that overlap mask i too much."""
+    found = np.full(len(score), -1, np.intp)
+    for i in np.argsort(-score, kind="stable"):
+        if found[i] < 0:
+            found[i] = i
+            found[alike(int(i), found < 0)] = i
     return found
+
+
+def _kept(leader: Rows, score: NDArray[np.floating]) -> Rows:
+    order = np.argsort(-score, kind="stable")
+    return np.asarray(order[leader[order] == order], np.intp)

@@ -7,6 +7,7 @@ those of the configurations that the authors published (named at each family).
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from zpm2.model.messages import Note
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, Sight
 from zpm2.segment.predictions import INSIDE
+from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -192,6 +194,8 @@ class TransformersSam:
         mark_networks_loaded()
         self.sight, self.batch = family.sight, config.cpu_batch if device == "cpu" else config.gpu_batch
         self._torch, self._device = torch, torch.device(device)
+        half = config.precision != "float32"
+        self._arithmetic = partial(torch.autocast, device, getattr(torch, config.precision), enabled=half)
         try:
             model = family.build(family.sight.side, **numbers)
         except ImportError as error:  # the library is there and cannot be loaded, or is too old
@@ -210,16 +214,17 @@ class TransformersSam:
             return {"image_embeddings": found[0], "intermediate_embeddings": found[1]}
         return {"image_embeddings": found}
 
-    def decode(self, encoded: "Encoded", points: Array, labels: NDArray[np.int64]) -> tuple[Array, Array]:
+    def decode(self, encoded: "Encoded", points: Array, labels: NDArray[np.int64]) -> tuple[Array, Stack]:
         centred = points - np.float32(0.5)  # the library counts from the centre of the first pixel
         inside = centred[:, labels == INSIDE]
         prompts = {"input_points": self._to(inside[None])}
         prompts["input_labels"] = self._torch.ones(1, *inside.shape[:2], dtype=self._torch.int64, device=self._device)
         if (corners := centred[:, labels != INSIDE]).size:
             prompts["input_boxes"] = self._to(corners.reshape(1, len(corners), 4))
-        with self._torch.inference_mode():
+        with self._torch.inference_mode(), self._arithmetic():
             found = self._model(**encoded, **prompts, multimask_output=True)
-            return found.iou_scores[0].float().cpu().numpy(), found.pred_masks[0].float().cpu().numpy()
+        masks = found.pred_masks[0].float()
+        return found.iou_scores[0].float().cpu().numpy(), masks if self._device.type != "cpu" else masks.numpy()
 
     def _to(self, array: Array) -> "Tensor":
         return self._torch.from_numpy(np.ascontiguousarray(array)).to(self._device)

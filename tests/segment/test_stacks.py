@@ -1,0 +1,185 @@
+"""Numbers read off masks: numpy and torch tensors against plain loops.
+
+The tensors are on the CPU, where torch computes the same: all of it runs without a GPU.
+"""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zpm2 import config
+from zpm2.config import SegmentConfig
+from zpm2.errors import ConfigError
+from zpm2.model import Image
+from zpm2.segment import automatic, device_stacks, stacks, suppression
+from zpm2.segment.mask_view import MaskView, Room, predicted, settled
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
+
+SIZE = 78, 256  # of a decoded mask of the image below
+IMAGE = Image(np.zeros((375, 1242, 3), np.uint8))
+
+
+def discs(seed: int, n: int, size: tuple[int, int] = SIZE, noise: float = 3.0) -> np.ndarray:
+    """(n, h, w) logits of discs with smooth, uneven borders; the last one is empty."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: size[0], : size[1]]
+    logits = np.empty((n, *size), np.float32)
+    for k in range(n):
+        away = np.hypot(x - rng.uniform(0, size[1]), y - rng.uniform(0, size[0]))
+        logits[k] = (rng.uniform(4, 60) - away) / 2 + noise * cv2.GaussianBlur(rng.normal(size=size), (0, 0), 2)
+    logits[-1] = -5
+    return logits
+
+
+def both(seed: int, n: int) -> tuple[MaskPredictions, MaskPredictions]:
+    """The same masks as an array and as a tensor, as a network would leave them."""
+    logits, score = discs(seed, n), np.random.default_rng(seed).random(n).astype(np.float32)
+    prompt, thresholds = np.arange(n) // 3, MaskThresholds(0.0, 0.5)
+    one, other = (settled(prompt, score, each, 1.0, thresholds) for each in (logits, torch.from_numpy(logits)))
+    return one, other
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000), st.integers(8, 16))
+def test_masks_that_are_stable_stay(seed: int, n: int) -> None:
+    logits = discs(seed, n)
+    rows = [
+        k for k in range(n) if (logits[k] > 1).sum() >= 0.5 * max((logits[k] > -1).sum(), 1) and (logits[k] > 1).any()
+    ]
+    for found in both(seed, n):
+        assert np.array_equal(found.prompt, np.array(rows, int) // 3)
+        assert np.array_equal(found.bits, np.clip(logits[rows], -60, 60).astype(np.float16) > 0)
+        assert np.array_equal(stacks.to_host(found.logits > 0), found.bits)
+        for bits, area, (x0, y0, x1, y1) in zip(found.bits, *dataclasses.astuple(found.extent), strict=True):
+            y, x = np.nonzero(bits)
+            assert (area, x0, y0, x1, y1) == (len(x), x.min(), y.min(), x.max() + 1, y.max() + 1)
+        unmeasured = dataclasses.replace(found, measured=None)
+        assert np.array_equal(unmeasured.extent.box, found.extent.box)
+        assert np.array_equal(unmeasured.extent.area, found.extent.area)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000), st.integers(8, 16))
+def test_coverage_and_the_finest_mask_around_a_point(seed: int, n: int) -> None:
+    one, other = both(seed, n)
+    rng = np.random.default_rng(seed + 1)
+    row, column = rng.integers(0, SIZE[0], n), rng.integers(0, SIZE[1], n)
+    bits = one.bits
+    own = [k for k in range(len(one)) if bits[k, row[one.prompt[k]], column[one.prompt[k]]]]
+    finest = {p: min((k for k in own if one.prompt[k] == p), key=lambda k: (bits[k].sum(), k)) for p in one.prompt[own]}
+    smallest = np.full(SIZE, stacks.NO_MASK)
+    for each in bits:
+        smallest[each] = np.minimum(smallest[each], each.sum())
+    for found in (one, other):
+        chosen = automatic._finest_around(found, row, column)
+        assert list(chosen) == [finest[p] for p in sorted(finest)]
+        union, least = stacks.painted(found.logits, found.extent, chosen)
+        assert np.array_equal(union, bits[chosen].any(0))
+        assert np.array_equal(least, smallest)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000), st.integers(8, 16), st.sampled_from([0.3, 0.7]))
+def test_overlaps_and_suppression(seed: int, n: int, threshold: float) -> None:
+    one, other = both(seed, n)
+    targets, of = np.roll(discs(seed + 1, 5) > 0, 3, 1), np.random.default_rng(seed).integers(0, 5, len(one))
+    common = [(mask & targets[k]).sum() for mask, k in zip(one.bits, of, strict=True)]
+    rows, to = np.array([1, 3]), discs(seed + 2, 2) > 0
+    limited = targets.copy()
+    limited[rows] &= to
+    for found in (one, other):
+        for target in (targets, torch.from_numpy(targets)):
+            assert list(stacks.shared(found.inside, target, of)) == common
+            assert np.array_equal(stacks.to_host(stacks.limited(target, rows, to)), limited)
+    packed = suppression.pack(one.bits)
+    reference = suppression.suppress(packed, one.extent.box, one.extent.area, one.score, threshold)
+    for found in (one, other):
+        kept = suppression.suppress_stack(found.logits, found.extent, found.score, threshold)
+        assert np.array_equal(kept, reference)
+    joined = MaskPredictions.join([one, other, MaskPredictions.none(SIZE)])
+    assert np.array_equal(joined.bits, np.concatenate([one.bits, one.bits]))
+
+
+def test_bits_cross_to_a_device_packed() -> None:
+    bits = np.random.default_rng(0).random((5, 101, 203)) < 0.5
+    assert np.array_equal(device_stacks.on(bits, torch.device("cpu")).numpy(), bits)
+
+
+def test_masks_at_the_resolution_of_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within a thousandth of OpenCV's, which interpolates in steps of a 32nd px."""
+    monkeypatch.setattr(device_stacks, "GATHER_PX", 50_000)  # in several parts
+    view, (one, other) = MaskView(IMAGE, 1024), both(3, 40)
+    found = list(zip(view.masks(one), view.masks(other), strict=True))
+    assert len(found) > 20
+    for host, device in found:
+        assert (host.x0, host.y0, host.bits.shape, host.score) == (
+            device.x0,
+            device.y0,
+            device.bits.shape,
+            device.score,
+        )
+        assert (host.bits & device.bits).sum() >= 0.999 * (host.bits | device.bits).sum()
+
+
+def test_squares_in_the_proportions_of_the_image() -> None:
+    square = discs(1, 3, (64, 64))
+    x, y = 64 / 256, 64 / 78
+    made = device_stacks.resampled(torch.from_numpy(square), x, y, SIZE).numpy()
+    to_square = np.array([[x, 0, x / 2 - 0.5], [0, y, y / 2 - 0.5]])
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    for one, other in zip(square, made, strict=True):
+        expected = cv2.warpAffine(one, to_square, SIZE[::-1], flags=how, borderMode=cv2.BORDER_REPLICATE)
+        assert np.abs(other - expected).max() < 0.1
+
+
+class Full(RuntimeError):
+    """As torch's, which is told by its name."""
+
+
+Full.__name__ = "OutOfMemoryError"
+
+
+def test_fewer_prompts_at_a_time_where_memory_ends() -> None:
+    prompts, sizes, notes = Prompts.at(np.zeros((40, 2))), list[int](), list[str]()
+
+    def answer(part: Prompts, start: int) -> MaskPredictions:
+        sizes.append(len(part))
+        if len(part) > 5:
+            raise Full
+        every = np.ones(len(part), np.float32)
+        return MaskPredictions(start + np.arange(len(part)), every, every, np.ones((len(part), 8, 8), np.float16))
+
+    room = Room(16, notes)
+    found = predicted(prompts, room, answer, (8, 8))
+    assert list(found.prompt) == list(range(40))
+    assert sizes == [16, 8, *[4] * 10]
+    assert notes == ["the GPU has little free memory: prompts went to the segmenter 4 at a time"]
+    room.most = 1
+    with pytest.raises(ConfigError, match="too little free memory for one prompt: use --device cpu"):
+        room.halve(Full())
+    with pytest.raises(RuntimeError, match="another"):
+        room.halve(RuntimeError("another"))
+
+
+def test_a_run_without_tensors_needs_no_torch() -> None:
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, numpy as np\nfrom zpm2.segment import automatic\n"
+        "from zpm2.segment.classical import ClassicalSegmenter\nfrom zpm2.config import SegmentConfig\n"
+        "from zpm2.model import Image\nrgb = np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8)\n"
+        "ClassicalSegmenter(SegmentConfig(grid=4)).segment(Image(rgb))\nsys.exit('torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_the_smallest_of_no_masks() -> None:
+    nothing = MaskPredictions.none(SIZE)
+    assert len(nothing.extent.area) == 0
+    assert config.preset("default").segment.precision == SegmentConfig().precision == "float32"
