@@ -17,7 +17,7 @@ Picture = NDArray[np.uint8]
 
 @pytest.fixture(scope="module")
 def matcher() -> PairMatcher:
-    return PairMatcher(assign(preset("default"), ["segment.grid=16", "device=cpu"]))
+    return PairMatcher(assign(preset("default"), ["segment.grid=16", "segment.detail.level=off", "device=cpu"]))
 
 
 def confident(result: MatchResult) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:

@@ -148,9 +148,6 @@ class SegmentConfig:
         "of the networks' arithmetic; half of it is faster where the device has units for it",
         source=MEASURED,
     )
-    cuda_graphs: Literal["off", "on"] = option(
-        "off", "on: a GPU records the kernels of a network once, and then starts them together"
-    )
     grid: int = number(
         32,
         "prompts along each image side, grid x grid in all",

@@ -22,7 +22,6 @@ from zpm2.result import MatchResult
 from zpm2.runtime import Progress, resolve_device
 
 SCHEMA = "zpm2-speed/1"
-PRECISION = "float32"  # of all networks, on every device
 TOTAL, OTHER = "total", "other"  # a whole call, and what of it is in no stage
 
 Photographs = tuple[Path, Path]
@@ -116,7 +115,7 @@ def measure(
         name = f"{Path(pair[0]).name} - {Path(pair[1]).name}"
         measured.append(PairSpeed(name, size, len(result.matches), times[0], warm))
     together = _many(matcher, pairs, config, runs, measured) if many else None
-    said = {"device": device, "precision": PRECISION, **(environment or {})}
+    said = {"device": device, "precision": config.segment.precision, **(environment or {})}
     return Speed(
         said, json.loads(json.dumps(config.to_dict())), runs, measured, together, peak_mb(), _gpu_peak_mb(device)
     )

@@ -79,7 +79,7 @@ def open_backend(config: SegmentConfig, device: str, say: Say, download: weights
     if device == "cpu" and installed and backend != "torch":
         return OpenVinoBackend(model, config.cpu_batch, say, config.precision)
     batch = config.cpu_batch if device == "cpu" else config.gpu_batch
-    return TorchBackend(model, batch, device, config.precision, config.cuda_graphs == "on")
+    return TorchBackend(model, batch, device, config.precision)
 
 
 def load_sam(model: str) -> "Sam":
@@ -94,22 +94,20 @@ def load_sam(model: str) -> "Sam":
 class TorchBackend:
     """The networks in torch. Where they run on a GPU (`resident`), masks and what belongs to them stay there.
 
-    `precision` is that of the prompt and the mask network. With `recorded`, a GPU starts the kernels of a network
-    together (`cuda_graph`).
+    `precision` is that of the prompt and the mask network.
     """
 
     name = "torch"
 
-    def __init__(self, model: str, batch: int, device: str, precision: str = "float32", recorded: bool = False) -> None:
+    def __init__(self, model: str, batch: int, device: str, precision: str = "float32") -> None:
         import torch
 
-        from zpm2.segment import cuda_graph, sam_network
+        from zpm2.segment import sam_network
         from zpm2.segment.device_stacks import to_host
 
-        self.to_host, self.capacity = to_host, cuda_graph.capacity
+        self.to_host = to_host
         self.torch, self.device, self.dtype = torch, torch.device(device), getattr(torch, precision)
         self.batch, self.resident = batch, self.device.type != "cpu"
-        self.recordings = cuda_graph.Recordings() if recorded and self.resident else None
         sam = load_sam(model)
         self.embed = sam_network.PromptEmbedding.of(sam)
         self.encoder = sam_network.ImageNetwork(sam).eval().to(self.device)
@@ -136,13 +134,7 @@ class TorchBackend:
             for square, rgb in zip(squares, reduced, strict=True):
                 normal = (self._to(rgb).float() - mean) / std
                 square[:, : rgb.shape[0], : rgb.shape[1]] = normal.permute(2, 0, 1)
-            encode: Callable[..., tuple[Tensor, ...]] = self._embeddings
-            if self.recordings is not None:
-                encode = self.recordings((len(squares),), self._embeddings, (squares,))
-            return [self._in_half(self.encoder.parts(each)) for each in encode(squares)[0]]
-
-    def _embeddings(self, squares: "Tensor") -> "tuple[Tensor, ...]":
-        return (self.encoder.encoder(squares),)
+            return [self._in_half(self.encoder.parts(each)) for each in self.encoder.encoder(squares)]
 
     def _in_half(self, parts: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
         return tuple(part.to(self.dtype) for part in parts)
@@ -152,16 +144,8 @@ class TorchBackend:
 
     def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
-            iou, hyper, tokens = self._prompted(parts, self._to(sparse).to(self.dtype))
+            iou, hyper, tokens = self.prompter(*parts, self._to(sparse).to(self.dtype))
             return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
-
-    def _prompted(self, parts: "tuple[Tensor, ...]", sparse: "Tensor") -> "tuple[Tensor, ...]":
-        if self.recordings is None:
-            return tuple(self.prompter(*parts, sparse))
-        rows, each = self.capacity(len(sparse)), sparse.shape[1:]
-        full = (*parts, sparse.new_zeros((rows, *each)))
-        found = self.recordings((rows, *each), self.prompter, full)(*parts, sparse)
-        return tuple(part[: len(sparse)] for part in found)
 
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
