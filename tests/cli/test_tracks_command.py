@@ -20,10 +20,14 @@ def test_a_folder(run: Run, tmp_path: Path) -> None:
     assert "tracks in 2 photographs" in out
     first = (tmp_path / "out" / "tracks.json").read_bytes()
     assert len(list((tmp_path / "out" / "sheets").iterdir())) == 1
-    code, out, _ = run(*words, "--json")
+    code, out, _ = run(*words, "--json", "--masks", "colmap", "--mask-regions", "remove")
     summary = json.loads(out)
     assert summary["tracks"] == len(json.loads(first)["tracks"])
     assert (tmp_path / "out" / "tracks.json").read_bytes() == first
+    for photograph in (tmp_path / "photographs").iterdir():
+        labels = np.asarray(PIL.Image.open(tmp_path / "out" / "labels" / f"{photograph.stem}.png"))
+        mask = np.asarray(PIL.Image.open(tmp_path / "out" / "masks" / "colmap" / f"{photograph.name}.png"))
+        assert np.array_equal(mask == 0, labels > 0)
 
 
 def test_misuse_is_one_line(run: Run, tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from zpm2.cli.options import (
     Bands,
     ConfigFile,
     Device,
+    MaskRegions,
+    Masks,
     MaxMemory,
     Out,
     Preset,
@@ -24,6 +26,7 @@ from zpm2.cli.options import (
     Settings,
     WeightsDir,
     allow_vrt,
+    check_masks,
     configure,
     one_of,
     point_matchers,
@@ -52,6 +55,8 @@ def tracks(
     sheets: Annotated[
         int, typer.Option(min=0, help="Contact sheets to write, of the longest tracks.", rich_help_panel=RESULT)
     ] = 20,
+    masks: Masks = None,
+    mask_regions: MaskRegions = "keep",
     segmenter: Annotated[
         str | None,
         typer.Option(
@@ -83,10 +88,13 @@ def tracks(
     """Follow regions through many photographs.
 
     Writes tracks.json, a label image of each photograph (labels/) and coco.json, whose numbers are those of the tracks,
-    tracks.csv, and contact sheets of the longest tracks (sheets/). The next run uses finished pairs again.
+    tracks.csv, and contact sheets of the longest tracks (sheets/); with --masks, masks of the regions in all tracks.
+    The next run uses finished pairs again.
     """
+    from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.tracking import tracks as follow
     from zpm2.tracking.matches import KEPT
+    from zpm2.tracking.photographs import listed
     from zpm2.tracking.result import file_names
 
     config = configure(
@@ -102,20 +110,28 @@ def tracks(
     )
     use_weights(weights_dir)
     allow_vrt(allowed)
-    listed = Path(pairs) if os.path.isfile(pairs) else None
+    keep = check_masks(masks or [], mask_regions, listed(photographs) if masks else [])
+    list_of_pairs = Path(pairs) if os.path.isfile(pairs) else None
+    names = [*file_names(), *([FOLDER] if masks else [])]
     with (
-        fresh_folder(out, *photographs, listed, names=file_names(), kept=KEPT),
+        fresh_folder(out, *photographs, list_of_pairs, names=names, kept=KEPT),
         bars(quiet or as_json) as (progress, say),
     ):
         found = follow(photographs, config, pairs=pairs, kept=out / KEPT, progress=progress, say=say)
         found.save(out, sheets)
-    _report(found, out, quiet, as_json)
+        told = list[str]()
+        if masks:
+            regions = ([polygon.shape for polygon in found.polygons(row)] for row in range(len(found.photographs)))
+            inside = [RegionMask(photo, own) for photo, own in zip(found.photographs, regions, strict=True)]
+            told = write_masks(out / FOLDER, masks, inside, keep)
+    _report(found, out, quiet, as_json, told)
     if not found.tracks:
         raise typer.Exit(1)
 
 
-def _report(found: "TracksResult", out: Path, quiet: bool, as_json: bool) -> None:
+def _report(found: "TracksResult", out: Path, quiet: bool, as_json: bool, told: list[str]) -> None:
     warn(found.warnings)
+    warn(told)
     if as_json:
         summary = {
             "photographs": len(found.photographs),
@@ -128,7 +144,7 @@ def _report(found: "TracksResult", out: Path, quiet: bool, as_json: bool) -> Non
             "warnings": list(found.warnings),
             "notes": list(found.notes),
         }
-        print(json.dumps(summary | {"out": str(out)}))
+        print(json.dumps(summary | {"out": str(out), **({"masks": told} if told else {})}))
     elif not quiet:
         longer = sum(count for n, count in found.lengths().items() if n >= 3)
         print(

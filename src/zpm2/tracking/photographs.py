@@ -35,15 +35,20 @@ class Photograph:
     position: NDArray[np.float64] | None = field(default=None, repr=False)  # (2,) degrees, longitude and latitude
 
 
+def listed(given: Sequence[str | Path]) -> list[Path]:
+    """The photographs, and those of folders among them."""
+    return [
+        path for place in map(Path, given) for path in (some_photographs(place) if os.path.isdir(place) else [place])
+    ]
+
+
 def read_photographs(given: Sequence[str | Path], raster: RasterConfig) -> list[Photograph]:
     """The photographs, and those of folders among them, in the natural order of their names.
 
     Each is opened once, so that `InputError` names an unusable one before the work begins; also for fewer than two, and
     for one that was given twice.
     """
-    paths: list[Path] = []
-    for place in map(Path, given):
-        paths += some_photographs(place) if os.path.isdir(place) else [place]
+    paths = listed(given)
     names = distinct_names(paths)
     order = sorted(range(len(paths)), key=lambda k: [natural(Path(part)) for part in names[k].split("/")])
     found, by_content = list[Photograph](), dict[str, str]()
