@@ -110,7 +110,7 @@ def test_json(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> No
 def test_it_matches_where_no_matches_are_given(
     pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zpm2.pipeline.PairMatcher.__call__", lambda *_: MatchResult.load(matches))
+    monkeypatch.setattr("zpm2.pipeline.PairMatcher.one_of_many", lambda *_, **__: MatchResult.load(matches))
     assert run("pose", pair.left, pair.right, "-o", tmp_path / "p", "--K", k, *QUICK).code == 0
     assert {f.name for f in (tmp_path / "p").iterdir()} >= {"pose.json", "matches.json", "overlay.png"}
 

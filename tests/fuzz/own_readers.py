@@ -1,5 +1,6 @@
 """What zpm2 wrote itself and reads again: results, caches, records, all of which others can damage or forge."""
 
+import dataclasses
 import gzip
 import hashlib
 import json
@@ -13,12 +14,15 @@ import numpy as np
 from mutate import SIZE
 from samples import Files, Reader, only
 
+from zpm2.carry.result import Side
 from zpm2.config import Config
 from zpm2.evaluate import predicted_regions, predictions
 from zpm2.evaluate.pairs import EvalPair
+from zpm2.evaluate.speed import SCHEMA, PairSpeed, Speed
 from zpm2.files import record, writing
 from zpm2.files.keys import code, fingerprint
 from zpm2.formats import colmap
+from zpm2.formats.masks import RegionMask, write_masks
 from zpm2.model import Camera, PointMatches, Polygon, PolygonArrays
 from zpm2.reconstruct import workspace
 from zpm2.reconstruct.depth import read_sparse
@@ -87,6 +91,10 @@ def _results() -> list[Reader]:
         Reader("result", ({"matches.json": written},), lambda folder: MatchResult.load(folder)),
         Reader("predictions", (kept, {"predictions/pair/failed.json": b'{"reason": "why"}', **kept}), predicted),
         Reader("pair of tracks", ({"a.json.gz": gzip.compress(json.dumps(pair_of_tracks).encode())},), _pair_of_tracks),
+        Reader(
+            "report of a bench", ({"a.json": json.dumps(_bench()).encode()},), lambda folder: Speed.load(only(folder))
+        ),
+        Reader("cameras of Nerfstudio", ({"transforms.json": NERFSTUDIO},), _masks),
         Reader("tile", ({"a.json.gz": gzip.compress(json.dumps(tile).encode())},), _tile),
     ]
 
@@ -94,6 +102,19 @@ def _results() -> list[Reader]:
 def _tile(folder: Path) -> None:
     path = only(folder)
     TileCache(path.parent.parent, path.parent.name).load("a", ((0, 0, 48, 40), (0, 0, 48, 40)))
+
+
+NERFSTUDIO = json.dumps({"fl_x": 1.0, "frames": [{"file_path": "images/a.png", "transform_matrix": [[1.0]]}]}).encode()
+
+
+def _masks(folder: Path) -> None:
+    write_masks(folder / "masks", ["nerfstudio"], [RegionMask(Side(str(folder / "a.png"), 48, 40), [])], True)
+
+
+def _bench() -> dict[str, object]:
+    seconds = {"points": 0.5, "total": 1.0}
+    one = PairSpeed("a - b", "48 x 40 px", 3, seconds, seconds)
+    return {"schema": SCHEMA, **dataclasses.asdict(Speed({"device": "cpu"}, {"seed": 0}, 2, [one], None, 100, None))}
 
 
 def _pair_of_tracks(folder: Path) -> None:

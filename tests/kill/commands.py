@@ -10,14 +10,15 @@ from pathlib import Path
 from unittest import mock
 
 TESTS = Path(__file__).parents[1]
-sys.path += [str(TESTS / name) for name in (".", "weights", "evaluate") if str(TESTS / name) not in sys.path]
+sys.path += [str(TESTS / name) for name in (".", "weights", "evaluate", "linking") if str(TESTS / name) not in sys.path]
 
 import boards  # noqa: E402
 import loopback  # noqa: E402
 import numpy as np  # noqa: E402
+import towns  # noqa: E402
 from rendered import Pair, save_pair  # noqa: E402
 
-READ_ONLY = ("doctor", "config list", "config show", "weights list", "models")
+READ_ONLY = ("doctor", "config list", "config show", "weights list", "models", "bench")
 POINTS = ("--set", "points.methods=sift", "--device", "cpu")  # no network for points
 FEW = ("--set", "segment.grid=8")  # prompts
 
@@ -45,6 +46,9 @@ def cases(folder: Path, ready: bool = True) -> Iterator[list[Case]]:
     inputs = folder / "in"
     inputs.mkdir(parents=True)
     pair = save_pair(render_scene(0, 400, 240), inputs)
+    town = towns.houses(60)
+    towns.write(inputs / "before.geojson", town)
+    towns.write(inputs / "after.geojson", towns.moved(town, (3.0, 2.0), 2.0))
     if ready:
         _evaluation(pair, inputs)
         boards.write(inputs / "boards", 4)
@@ -80,6 +84,7 @@ def _cases(pair: Pair) -> Iterator[Case]:
     yield Case("match, found regions in tiles", ["match", *photographs, *POINTS, *FEW, *tiles, *out], networks=True)
     carried = ["carry", *photographs, "--regions", "../in/left_labels.png", "--rigid"]
     yield Case("carry", [*carried, "--set", "points.methods=sift", *out])
+    yield Case("link", ["link", "../in/before.geojson", "../in/after.geojson", *out], needs=("rasterio", "pyogrio"))
     simple = ["--segmenter", "classical", "--set", "guided.direction=off", "--set", "segment.detail.level=off"]
     followed = ["tracks", *photographs, "--pairs", "sequential", *simple, *POINTS, *out]
     yield Case("tracks", [*followed, "--set", "points.escalate.on=false"])

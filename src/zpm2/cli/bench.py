@@ -52,7 +52,7 @@ def bench(
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
 ) -> None:
-    """Measure how fast pairs are matched, stage by stage, for an issue or to compare two versions.
+    """Measure how fast pairs are matched, stage by stage.
 
     Each pair is matched once, which loads the networks, and then --runs times, whose medians count.
     """

@@ -177,7 +177,7 @@ def _views(
     """Both photographs, encoded: together where one segmenter can and none is kept for other pairs."""
     one, other = segmenters
     if one is other and isinstance(one, JointSegmenter) and not kept.most:
-        left, right = one.views(images)
+        left, right = one.views_together(images)
         return left, right
     return view_of(one, images[0], kept), view_of(other, images[1], kept)
 

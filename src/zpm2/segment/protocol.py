@@ -1,8 +1,8 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views` (`JointSegmenter`), `notes` (`HasNotes`), `path`
-(`FromFile`).
+(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views_together` (`JointSegmenter`), `notes` (`HasNotes`),
+`path` (`FromFile`).
 """
 
 from collections.abc import Sequence
@@ -101,6 +101,6 @@ class PromptedSegmenter(Protocol):
 class JointSegmenter(PromptedSegmenter, Protocol):
     """A `PromptedSegmenter` that encodes several photographs at once, where that is faster."""
 
-    def views(self, images: Sequence[Image]) -> Sequence[PromptedView]:
+    def views_together(self, images: Sequence[Image]) -> Sequence[PromptedView]:
         """The photographs, encoded."""
         ...

@@ -60,7 +60,7 @@ class SamSegmenter:
         backend = self.load()
         return SamView(backend, image, self.config, self._room(backend))
 
-    def views(self, images: Sequence[Image]) -> "list[SamView]":
+    def views_together(self, images: Sequence[Image]) -> "list[SamView]":
         """The photographs, encoded; on a GPU in one batch."""
         backend = self.load()
         if not isinstance(backend, TorchBackend) or not backend.resident:
