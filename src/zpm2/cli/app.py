@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import carry, cloud, config, demo, doctor, match, models, pose, reconstruct, weights
+from zpm2.cli import carry, cloud, config, demo, doctor, match, models, pose, reconstruct, view, weights
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -29,6 +29,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "pose": pose.pose,
     "reconstruct": reconstruct.reconstruct,
     "cloud": cloud.cloud,
+    "view": view.view,
     "eval": evaluation.evaluate,
     "config": config.app,
     "models": models.models,

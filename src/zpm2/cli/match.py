@@ -66,6 +66,14 @@ def match(
             rich_help_panel=RESULT,
         ),
     ] = False,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--report/--no-report",
+            help="Write report.html, a page to look at the matches (zpm2 view).",
+            rich_help_panel=RESULT,
+        ),
+    ] = True,
     preset: Preset = "default",
     quality: Annotated[
         str | None,
@@ -148,9 +156,9 @@ def match(
 ) -> None:
     """Match the polygons of two photographs.
 
-    Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; matches.gpkg for georeferenced
-    photographs; contact.png for large ones. If a run over large photographs was interrupted, start the same command
-    again: it continues where it stopped.
+    Writes matches.json, report.html (open it in a browser, or zpm2 view), left.geojson, right.geojson, overlay.png and
+    unmatched.png; matches.gpkg for georeferenced photographs; contact.png for large ones. If a run over large
+    photographs was interrupted, start the same command again: it continues where it stopped.
     """
     from zpm2 import api
     from zpm2.files.record import TILES, remove_own
@@ -188,7 +196,7 @@ def match(
             progress=progress,
             say=say,
         )
-        result.save(out, formats or [])
+        result.save(out, formats or [], report=page)
         remove_own(out / TILES)
     report(result, out, quiet, as_json)
 

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,21 +20,27 @@ from zpm2.photos.pictures import png
 
 DOCUMENT = "matches.json"
 PICTURES = ("overlay.png", "unmatched.png", "contact.png")
+REPORT = "report.html"
 
 
 def file_names(formats: Sequence[str] = ()) -> list[str]:
     """The names of all files that `save` may write."""
     written = [each for each in registry.known() if each.by_default is not None]
     written += [each for each in map(registry.FORMATS.get, formats) if each not in written]
-    return [*(name for each in written for name in each.files), *PICTURES, DOCUMENT]
+    return [*(name for each in written for name in each.files), *PICTURES, REPORT, DOCUMENT]
 
 
 def save(
-    result: PairResult, directory: str | Path, formats: Sequence[str], pictures: Mapping[str, NDArray[np.uint8]]
+    result: PairResult,
+    directory: str | Path,
+    formats: Sequence[str],
+    pictures: Mapping[str, NDArray[np.uint8]],
+    report: Callable[[Members], str] | None = None,
 ) -> Path:
     """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
 
-    `MatchResult.save` describes the files. The document is written last: where it exists, the folder is complete.
+    report: makes the page from the document; None for no page. `MatchResult.save` describes the files. The document is
+    written last: where it exists, the folder is complete.
     """
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
@@ -47,6 +53,8 @@ def save(
     document = result.to_dict()
     for side in SIDES:
         document[side] |= photo_reference(document[side]["path"], folder)
+    if report is not None:
+        atomic_write(folder / REPORT, report(document))
     atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder
 

@@ -1,0 +1,66 @@
+"""The right photograph as the left one sees it, so that both can be laid over each other."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import QhullError
+
+from zpm2 import geometry
+from zpm2.errors import Failed
+from zpm2.model import PointMatches
+
+MESH = 8  # px of the left picture between two points of the map, which is interpolated in between
+
+Pixels = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """The right photograph in the frame of the left picture."""
+
+    rgba: Pixels  # (h, w, 4), transparent where the right photograph shows nothing
+
+
+def by_homography(
+    right: Pixels, homography: Array | Failed, scales: tuple[Array, Array], size: tuple[int, int]
+) -> Aligned | Failed:
+    """Aligned on the plane of the pair's homography; what lies off that plane is displaced.
+
+    right: (h, w, 3) the picture of the right photograph. homography: (3, 3) p_right ~ H p_left, photograph px. scales:
+    (2,) picture px per photograph px, of either side. size: (width, height) of the left picture.
+    """
+    if isinstance(homography, Failed):
+        return homography
+    left_scale, right_scale = (np.diag([*scale, 1.0]) for scale in scales)
+    matrix = geometry.for_opencv(right_scale @ homography @ np.linalg.inv(left_scale))
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return Aligned(np.asarray(cv2.warpPerspective(_opaque(right), matrix, size, flags=how), np.uint8))
+
+
+def by_points(
+    right: Pixels, points: PointMatches, scales: tuple[Array, Array], size: tuple[int, int]
+) -> Aligned | Failed:
+    """Aligned on the homologous points and, in the triangles between them, in proportion; for any scene.
+
+    Arguments are those of `by_homography`. `Failed` with fewer than three points that span an area.
+    """
+    left, there = points.left * scales[0], points.right * scales[1]
+    try:
+        between = LinearNDInterpolator(left, there)
+    except (QhullError, ValueError):
+        return Failed("the homologous points span no area" if len(left) else "there are no homologous points")
+    width, height = size
+    columns, rows = (max(2, -(-length // MESH)) for length in size)
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows)
+    coarse = between(x, y).astype(np.float32) - 0.5  # OpenCV counts pixel centres from 0
+    full = cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR)
+    full[~np.isfinite(full).all(2)] = -2  # outside of the points: outside of the photograph
+    return Aligned(np.asarray(cv2.remap(_opaque(right), full, None, cv2.INTER_LINEAR), np.uint8))
+
+
+def _opaque(rgb: Pixels) -> Pixels:
+    return np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
