@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError
 from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
+from zpm2.files.record import remove_own
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import registry
 from zpm2.formats.convert import Members
@@ -55,6 +56,8 @@ def save(
         document[side] |= photo_reference(document[side]["path"], folder)
     if report is not None:
         atomic_write(folder / REPORT, report(document))
+    else:
+        remove_own(folder / REPORT)  # of an earlier result
     atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder
 

@@ -95,7 +95,9 @@ function chip(item, side, page) {
   const polygon = item.polygons[side];
   const other = item.polygons[1 - side];
   const expected = polygon ? null : expectedPlace(page.items, 1 - side, other.center);
-  if (!polygon && !expected) return make("figure", { class: "chip none" }, make("figcaption", {}, "expected place not known"));
+  const nothing = (text) => make("figure", { class: "chip none" }, make("figcaption", {}, text));
+  if (!polygon && !expected) return nothing("expected place not known");
+  if (!polygon && !panel.holds(expected.point)) return nothing("expected place beyond the border");
   const center = polygon ? polygon.center : expected.point;
   const size = (box) => [box[2] - box[0], box[3] - box[1]];
   const extent = polygon ? size(polygon.box) : size(other.box).map((v) => v * expected.factor);

@@ -243,13 +243,20 @@ class Report {
 
   zoomTo(item) {
     if (!item) return;
-    item.polygons.forEach((polygon, k) => {
-      const panel = this.panels[k];
-      if (!panel.width) return;
-      if (polygon) panel.center(polygon.center, panel.zoomOf(polygon.box));
-    });
-    const alone = item.polygons.findIndex((polygon) => !polygon);
-    if (alone >= 0 && this.panels[1 - alone].width) this.follow(this.panels[1 - alone]);
+    const [left, right] = item.polygons;
+    const [first, second] = this.panels;
+    if (item.kind === "match" && this.state.mode === "side") {
+      const factor = Math.sqrt(right.area / left.area);
+      const zoom = Math.min(first.zoomOf(left.box), second.zoomOf(right.box) * factor);
+      first.center(left.center, zoom);
+      second.center(right.center, zoom / factor);
+    } else if (left) {
+      first.center(left.center, first.zoomOf(left.box));
+      this.follow(first);
+    } else if (this.state.mode === "side") {
+      second.center(right.center, second.zoomOf(right.box));
+      this.follow(second);
+    }
     this.refresh();
   }
 

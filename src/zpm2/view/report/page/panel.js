@@ -5,6 +5,7 @@ import { paintOf } from "#report/items.js";
 
 const MARGIN = 0.02; // of the panel, around a photograph that is shown whole
 const DEEPEST = 64; // screen px per px of the photograph
+const ENLARGED = 6; // screen px per px of the picture, when zooming to a polygon
 const LABEL = 13; // px, height of the numbers
 const HANDLE = 14; // px on either side of the curtain's edge, where it can be taken
 
@@ -74,9 +75,10 @@ export class Panel {
     this.whole = false;
   }
 
-  /** The zoom at which a box fills half of the panel. */
+  /** The zoom at which a box fills half of the panel, as far as the picture has the pixels for it. */
   zoomOf(box) {
-    return 0.5 * Math.min(this.width / Math.max(box[2] - box[0], 8), this.height / Math.max(box[3] - box[1], 8));
+    const half = 0.5 * Math.min(this.width / (box[2] - box[0]), this.height / (box[3] - box[1]));
+    return Math.min(half, (ENLARGED * this.picture.naturalWidth) / this.side.width);
   }
 
   toPhoto([sx, sy]) {

@@ -89,7 +89,7 @@ export class Table {
         role: "row",
         "aria-rowindex": index + 1,
         "data-key": item.key,
-        class: item.kind === "match" ? "row" : "row alone",
+        class: item.kind === "match" ? "item" : "item alone",
         onpointerenter: () => this.on.hover(item),
         onclick: () => this.on.select(item),
       },
