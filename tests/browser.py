@@ -14,7 +14,7 @@ from typing import Any
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-component-update", "--disable-sync", "--disable-gpu"),
     *("--hide-scrollbars", "--remote-debugging-pipe"),
 )
 PATIENCE = 60.0  # seconds
@@ -136,11 +136,12 @@ class Browser:
 
     def _note(self, event: Any) -> None:
         kind, values = event.get("method"), event.get("params", {})
+        text = ""
         if kind == "Runtime.exceptionThrown":
-            self.errors.append(json.dumps(values["exceptionDetails"])[:2000])
+            text = json.dumps(values["exceptionDetails"])
         elif kind == "Runtime.consoleAPICalled" and values["type"] in ("error", "warning", "assert"):
-            if "willReadFrequently" not in json.dumps(values["args"]):  # it is the test that reads canvases
-                self.errors.append(json.dumps(values["args"])[:500])
+            text = json.dumps(values["args"])
         elif kind == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
-            if "willReadFrequently" not in values["entry"]["text"]:
-                self.errors.append(values["entry"]["text"])
+            text = values["entry"]["text"]
+        if text and "willReadFrequently" not in text:  # it is the tests that read canvases often
+            self.errors.append(text[:2000])

@@ -113,9 +113,10 @@ def test_a_choice_is_in_the_address_and_comes_back(browser: Browser, page: Path)
 def test_filters_change_table_and_photographs(browser: Browser) -> None:
     listed = "document.getElementById('listed').textContent"
     assert browser.run(listed) == "41 of 41 shown"
-    assert painted(browser, "left", "base", 66, 12) != painted(browser, "left", "base", 66, 4)
+    assert painted(browser, "left", "shapes", 66, 12)[3] > 0
     choose(browser, "show", "unmatched")
     assert browser.run(listed) == "9 of 41 shown"
+    assert painted(browser, "left", "shapes", 66, 12)[3] == 0
     browser.move(*spot(browser, "left", 66, 20))
     assert title(browser) == ""  # what is not shown cannot be pointed at
     choose(browser, "show", "matched")
@@ -156,7 +157,7 @@ def test_keys(browser: Browser) -> None:
     browser.press("y")
     assert "judged" not in browser.run("document.getElementById('listed').textContent")
     browser.press("Enter", "\r")
-    assert painted(browser, "left", "base", 5, 5) != [0, 0, 0, 0]
+    assert painted(browser, "left", "photo", 5, 5) != [0, 0, 0, 0]
     browser.press("0")
     browser.press("Escape")
     assert title(browser) == ""
@@ -180,7 +181,7 @@ def test_keys(browser: Browser) -> None:
 def test_curtain_and_blink(browser: Browser) -> None:
     browser.press("2")
     assert browser.run("document.getElementById('panel-right').hidden")
-    before = painted(browser, "left", "base", 250, 194)  # no polygon there; the squares of both sides agree anyhow
+    before = painted(browser, "left", "photo", 250, 194)  # no polygon there; the squares of both sides agree anyhow
     middle, y = spot(browser, "left", 160, 100)
     browser.drag((middle, y), (middle + 300, y))
     assert before[3] == 255
@@ -189,11 +190,11 @@ def test_curtain_and_blink(browser: Browser) -> None:
     assert "no plane" in browser.run("document.getElementById('no-compare').textContent")
     choose(browser, "align", "points")
     browser.press("3")
-    shown = [painted(browser, "left", "base", 5, 100)]  # beyond what the right photograph shows
+    shown = [painted(browser, "left", "photo", 5, 100)]  # beyond what the right photograph shows
     browser.press(" ")
-    shown.append(painted(browser, "left", "base", 5, 100))
+    shown.append(painted(browser, "left", "photo", 5, 100))
     browser.press(" ")
-    shown.append(painted(browser, "left", "base", 5, 100))
+    shown.append(painted(browser, "left", "photo", 5, 100))
     assert [51, 51, 51, 255] in shown
     assert shown[1] != shown[2]
     browser.press("1")
@@ -201,14 +202,14 @@ def test_curtain_and_blink(browser: Browser) -> None:
 
 
 def test_wheel_and_drag_move_both_photographs(browser: Browser) -> None:
-    before = painted(browser, "right", "base", 100, 100)
+    before = painted(browser, "right", "photo", 100, 100)
     browser.press("i")
     browser.wheel(*spot(browser, "left", 20, 20), -600)
-    after = painted(browser, "right", "base", 100, 100)
+    after = painted(browser, "right", "photo", 100, 100)
     assert after != pytest.approx(before, abs=2)
     browser.run("document.getElementById('fit').click()")
     browser.press("i")
-    assert painted(browser, "right", "base", 100, 100) == pytest.approx(before, abs=2)
+    assert painted(browser, "right", "photo", 100, 100) == pytest.approx(before, abs=2)
 
 
 def test_downloads_and_verdicts(browser: Browser) -> None:

@@ -18,6 +18,7 @@ from zpm2.view.report import alignment, content
 from zpm2.view.report.assets import data_url, render
 
 LONGEST = 1600  # px, the longer side of a photograph in the page
+HELD = 16_000_000  # bytes of the matches.json that the page itself holds, packed; a larger one has to lie beside it
 QUALITY = 85  # 1..100, of the pictures (WebP)
 
 Pixels = NDArray[np.uint8]
@@ -49,7 +50,8 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
         "run": content.run(document),
     }
     names = [os.path.basename(side.path) if side.path else name for side, name in zip(sides, SIDES, strict=True)]
-    packed = gzip.compress(json.dumps(document, allow_nan=False).encode(), mtime=0)
+    text = json.dumps(document, allow_nan=False).encode()
+    held = data_url("application/gzip", gzip.compress(text, 6, mtime=0)) if len(text) <= HELD else ""
     return render(
         "report.html",
         "main.js",
@@ -57,7 +59,7 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
         title=f"{names[0]} and {names[1]}: {len(result.matches)} matches",
         names=names,
         pictures=pictures,
-        document=data_url("application/gzip", packed),
+        document=held,
     )
 
 

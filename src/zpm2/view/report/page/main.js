@@ -14,6 +14,7 @@ import { Table } from "#report/table.js";
 import { Verdicts } from "#report/verdicts.js";
 
 const SMALL = 40; // screen px; a link to a smaller polygon zooms to it
+const REST = 120; // ms without a move
 const BLINK = 800; // ms that each photograph is shown
 
 class Report {
@@ -122,7 +123,10 @@ class Report {
       const document = verdictsDocument(this.data, this.items, this.verdicts);
       offer("verdicts.json", "application/json", `${JSON.stringify(document, null, 1)}\n`);
     }
-    if (what === "result") offer("matches.json", "application/json", await unpacked(the("document").textContent));
+    if (what !== "result") return;
+    const packed = the("document").textContent;
+    if (packed) offer("matches.json", "application/json", await unpacked(packed));
+    else window.open("matches.json"); // a large one lies beside the page
   }
 
   /** Changes members of the state, and the address with it. */
@@ -216,7 +220,7 @@ class Report {
     stage.className = one ? "one" : row ? "row" : "column";
     the("panel-right").hidden = one;
     this.panels.slice(0, one ? 1 : 2).forEach((panel) => panel.resize());
-    this.refresh();
+    this.refresh(true);
   }
 
   fit() {
@@ -306,15 +310,28 @@ class Report {
     this.table.mark(this.hovered?.key, this.state.select);
   }
 
-  /** Paints all again, once before the next frame. */
-  refresh() {
-    if (this.due) return;
-    this.due = requestAnimationFrame(() => {
+  /** Paints again, once before the next frame. shapes: the polygons have changed; else the view may have moved. */
+  refresh(shapes = false) {
+    this.changed ||= shapes;
+    this.due ??= requestAnimationFrame(() => {
       this.due = null;
-      for (const panel of this.panels) if (panel.width && !panel.element.hidden) panel.paint(this.state, this.reasons);
+      for (const panel of this.panels) {
+        if (!panel.width || panel.element.hidden) continue;
+        panel.paintPhoto();
+        if (panel.view === panel.painted && !this.changed) continue;
+        if (this.changed || !panel.moveShapes()) panel.paintShapes(this.state, this.reasons);
+        else this.settle();
+      }
+      this.changed = false;
       this.marks();
       document.documentElement.dataset.ready ??= String(Math.round(performance.now()));
     });
+  }
+
+  /** Paints the polygons when the view has come to rest. */
+  settle() {
+    clearTimeout(this.resting);
+    this.resting = setTimeout(() => this.refresh(true), REST);
   }
 
   /** What moves with the cursor: outlines of the hovered and the chosen item, epipolar line. */

@@ -1,9 +1,14 @@
-// One photograph with its polygons, on two canvases: pictures and all polygons below, what moves with the cursor above.
+// One photograph with its polygons, on three canvases: the picture; all polygons; what moves with the cursor.
+//
+// Thousands of polygons take longer to paint than a frame lasts. While the view moves, their canvas is moved as a whole
+// by the browser, and painted again when the view rests.
 
 import { Grid, inside } from "#report/geometry.js";
 import { paintOf } from "#report/items.js";
 
 const MARGIN = 0.02; // of the panel, around a photograph that is shown whole
+const MANY = 600; // polygons in sight that are not painted again at once while the view moves
+const DOT = 3; // screen px, the longer side of a polygon that is painted as a box
 const DEEPEST = 64; // screen px per px of the photograph
 const ENLARGED = 6; // screen px per px of the picture, when zooming to a polygon
 const LABEL = 13; // px, height of the numbers
@@ -13,7 +18,7 @@ export class Panel {
   /** element: of the page, gets the canvases. picture: an image, px of the photograph times scale. */
   constructor(element, side, picture, polygons, name) {
     Object.assign(this, { element, side, picture, polygons });
-    [this.base, this.top] = ["base", "top"].map((kind) => {
+    [this.photo, this.shapes, this.top] = ["photo", "shapes", "top"].map((kind) => {
       const canvas = document.createElement("canvas");
       canvas.className = kind;
       element.append(canvas);
@@ -34,7 +39,7 @@ export class Panel {
     const { width, height } = this.element.getBoundingClientRect();
     this.ratio = window.devicePixelRatio || 1;
     [this.width, this.height] = [Math.max(1, width), Math.max(1, height)];
-    for (const canvas of [this.base, this.top]) {
+    for (const canvas of [this.photo, this.shapes, this.top]) {
       canvas.width = Math.round(this.width * this.ratio);
       canvas.height = Math.round(this.height * this.ratio);
     }
@@ -121,24 +126,50 @@ export class Panel {
     context.setTransform(this.ratio * zoom, 0, 0, this.ratio * zoom, this.ratio * x, this.ratio * y);
   }
 
-  paint(state, reasons) {
-    const context = this.context(this.base);
+  paintPhoto() {
+    const context = this.context(this.photo);
     this.toPhotoUnits(context);
     context.imageSmoothingEnabled = this.view.zoom < 4 * (this.picture.naturalWidth / this.side.width);
     context.imageSmoothingQuality = "high";
     const { width, height } = this.side;
     if (!this.over || this.edge > 0) context.drawImage(this.picture, 0, 0, width, height);
     if (this.over && this.edge < 1) this.paintOver(context);
+  }
+
+  /** The polygons in sight, largest first. */
+  seen() {
     const [x0, y0] = this.toPhoto([0, 0]);
     const [x1, y1] = this.toPhoto([this.width, this.height]);
-    const seen = this.order.filter((p) => p.shown && p.box[0] < x1 && p.box[2] > x0 && p.box[1] < y1 && p.box[3] > y0);
+    return this.order.filter((p) => p.shown && p.box[0] < x1 && p.box[2] > x0 && p.box[1] < y1 && p.box[3] > y0);
+  }
+
+  /** Moves the painted polygons with the view; false where there are few, which are better painted again. */
+  moveShapes() {
+    if (!this.crowded || !this.painted) return false;
+    const [from, to] = [this.painted, this.view];
+    const factor = to.zoom / from.zoom;
+    this.shapes.style.transform = `translate(${to.x - from.x * factor}px, ${to.y - from.y * factor}px) scale(${factor})`;
+    return true;
+  }
+
+  paintShapes(state, reasons) {
+    const context = this.context(this.shapes);
+    this.shapes.style.transform = "";
+    this.toPhotoUnits(context);
+    const seen = this.seen();
     const { zoom } = this.view;
+    [this.painted, this.crowded] = [this.view, seen.length > MANY];
     context.lineJoin = "round";
     for (const filled of [false, true]) {
       for (const polygon of seen) {
         const paint = paintOf(polygon.item, state.color, reasons);
         if (paint.filled !== filled) continue;
         context.strokeStyle = context.fillStyle = paint.color;
+        const [x0, y0, x1, y1] = polygon.box;
+        if (Math.max(x1 - x0, y1 - y0) * zoom < DOT) {
+          context.fillRect(x0, y0, x1 - x0, y1 - y0);
+          continue;
+        }
         if (filled && state.fill > 0) {
           context.globalAlpha = state.fill / 100;
           context.fill(polygon.path, "evenodd");
