@@ -17,7 +17,7 @@ import loopback  # noqa: E402
 import numpy as np  # noqa: E402
 from rendered import Pair, save_pair  # noqa: E402
 
-READ_ONLY = ("doctor", "config list", "config show", "weights list", "models")
+READ_ONLY = ("doctor", "config list", "config show", "weights list", "models", "view")  # view: one missing page at most
 POINTS = ("--set", "points.methods=sift", "--device", "cpu")  # no network for points
 FEW = ("--set", "segment.grid=8")  # prompts
 

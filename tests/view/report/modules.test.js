@@ -135,8 +135,8 @@ test("verdicts come back", () => {
 });
 
 test("a packed document is unpacked", async () => {
-  const url = `data:application/gzip;base64,${gzipSync("the result ζ").toString("base64")}`;
-  assert.equal(await downloads.unpacked(url), "the result ζ");
+  const url = `data:application/gzip;base64,${gzipSync('{"a": "ζ", "timings": {}}').toString("base64")}`;
+  assert.equal(await downloads.unpacked(url, '{"read": 1.0}'), '{"a": "ζ", "timings": {"read": 1.0}}');
 });
 
 test("every module is valid and finds what it imports", async () => {

@@ -25,7 +25,7 @@ Pixels = NDArray[np.uint8]
 
 
 def report(result: PairResult, document: Mapping[str, object], config: RasterConfig) -> str:
-    """The HTML of `report.html`: the same result gives the same text.
+    """The HTML of `report.html`: the same result gives the same text. Two runs differ in the element `timings` only.
 
     document: the content of `matches.json`, which the page offers for download. config: how the photographs are read;
     they are read at the size shown. `InputError` where one is no longer where it was.
@@ -50,7 +50,7 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
         "run": content.run(document),
     }
     names = [os.path.basename(side.path) if side.path else name for side, name in zip(sides, SIDES, strict=True)]
-    text = json.dumps(document, allow_nan=False).encode()
+    text = json.dumps({**document, "timings": {}}, allow_nan=False).encode()  # the page puts them in again
     held = data_url("application/gzip", gzip.compress(text, 6, mtime=0)) if len(text) <= HELD else ""
     return render(
         "report.html",
@@ -60,6 +60,7 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
         names=names,
         pictures=pictures,
         document=held,
+        timings=json.dumps(document["timings"]),
     )
 
 

@@ -112,6 +112,6 @@ def _hex(color: Iterable[int]) -> str:
 
 
 def run(document: Mapping[str, object]) -> dict[str, object]:
-    """What the page says of the run: from the content of `matches.json`."""
-    names: Sequence[str] = ("version", "config", "timings", "same_scene", "non_overlapping", "warnings", "notes")
+    """What the page says of the run, but for its timings: from the content of `matches.json`."""
+    names: Sequence[str] = ("version", "config", "same_scene", "non_overlapping", "warnings", "notes")
     return {name: document.get(name) for name in names}

@@ -43,11 +43,12 @@ export function readVerdicts(text, items) {
   return found;
 }
 
-/** The content of an address that holds a gzip file, as text. */
-export async function unpacked(url) {
+/** matches.json from the address that holds it as a gzip file without its timings, and from these. */
+export async function unpacked(url, timings) {
   const packed = Uint8Array.from(atob(url.slice(url.indexOf(",") + 1)), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Response(stream).text();
+  const text = await new Response(stream).text();
+  return text.replace('"timings": {}', () => `"timings": ${timings}`);
 }
 
 /** Offers a text to the person as a file. */

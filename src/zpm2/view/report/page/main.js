@@ -125,7 +125,7 @@ class Report {
     }
     if (what !== "result") return;
     const packed = the("document").textContent;
-    if (packed) offer("matches.json", "application/json", await unpacked(packed));
+    if (packed) offer("matches.json", "application/json", await unpacked(packed, the("timings").textContent));
     else window.open("matches.json"); // a large one lies beside the page
   }
 
@@ -354,6 +354,7 @@ class Report {
   }
 }
 
-const report = new Report(JSON.parse(the("data").textContent));
+const data = JSON.parse(the("data").textContent);
+const report = new Report({ ...data, timings: JSON.parse(the("timings").textContent) });
 await Promise.all(Object.values(report.pictures).map((picture) => picture.decode()));
 report.start();

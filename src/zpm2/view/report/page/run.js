@@ -5,7 +5,7 @@ import { make, shown } from "#report/dom.js";
 /** Fills the tab. */
 export function showRun(element, data) {
   const { run } = data;
-  const total = Object.values(run.timings ?? {}).reduce((sum, value) => sum + value, 0);
+  const total = Object.values(data.timings).reduce((sum, value) => sum + value, 0);
   const facts = [
     ["zpm2", run.version],
     ["Same scene", run.same_scene === null || run.same_scene === undefined ? "not estimated" : `probability ${shown(run.same_scene, 2)}`],
@@ -19,7 +19,7 @@ export function showRun(element, data) {
     make("table", {}, facts.map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, String(value))))),
     ...messages("Notes", run.notes, "notes"),
     make("h3", {}, `Timings: ${shown(total, 1)} s`),
-    make("table", { class: "timings" }, Object.entries(run.timings ?? {}).map(([stage, seconds]) => timing(stage, seconds, total))),
+    make("table", { class: "timings" }, Object.entries(data.timings).map(([stage, seconds]) => timing(stage, seconds, total))),
     make("h3", {}, "Configuration"),
     make("pre", {}, JSON.stringify(run.config, null, 2)),
   );
