@@ -121,6 +121,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
             assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
     if "out/left.geojson" in words:
         assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
+    if words[0] == "view":
+        assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from zpm2.config import RasterConfig, recorded
 from zpm2.errors import Failed, InputError
 from zpm2.files.reading import WRONG
-from zpm2.files.writing import atomic_write, claim
+from zpm2.files.writing import claim
 from zpm2.formats import gis, saving
 from zpm2.formats.convert import Converter, Layout, Members
 from zpm2.formats.document import LAYOUTS
@@ -31,7 +31,7 @@ from zpm2.model.messages import split
 from zpm2.photos import reopen
 from zpm2.runtime import package_version
 from zpm2.view import pictures
-from zpm2.view.report import report as report_page
+from zpm2.view import report as page
 
 SCHEMA = "zpm2-matches/1"
 ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
@@ -157,7 +157,7 @@ class MatchResult:
     def report(self) -> str:
         """The page `report.html`: both photographs with their polygons to look at, filter and judge, as the HTML of one
         file that needs no network. `InputError` as from `plot`."""
-        return self._report(self.to_dict())
+        return page.report(self, self.to_dict(), self._raster())
 
     def save(self, directory: str | Path, formats: Sequence[str] = (), report: bool = False) -> Path:
         """Write matches.json, left.geojson, right.geojson, overlay.png and unmatched.png into a folder; returns it.
@@ -189,8 +189,8 @@ class MatchResult:
         left, right = (PolygonArrays([pair[k] for pair in pairs]) for k in range(2))
         return pair_maps(left, right, self.points, self.homography, recorded(self.config).local_match)
 
-    def _report(self, document: Members) -> str:
-        return report_page(self, document, self._raster())
+    def _report(self, document: Members) -> saving.Files:
+        return page.files(self, document, self._raster())
 
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
@@ -210,8 +210,9 @@ def save_report(directory: str | Path) -> Path:
     """Writes report.html into the folder of a saved result that lacks it; returns its path. `InputError` where there is
     no such result or a photograph is no longer where it was, `OutputError` where the folder cannot be written into."""
     result, document = read_result(directory)
-    folder = claim(directory, [saving.REPORT])
-    return atomic_write(folder / saving.REPORT, result._report(document))
+    folder = claim(directory, [saving.REPORT, saving.TILES])
+    saving.write_report(folder, result._report(document))
+    return folder / saving.REPORT
 
 
 def _fold(result: MatchResult, members: Members) -> Members:

@@ -1,6 +1,7 @@
 """The report in a browser, used as a person would."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -249,6 +250,22 @@ def test_markup_is_shown_as_text(browser: Browser, tmp_path: Path) -> None:
     assert "pwned" in browser.run("document.title")  # as a part of the name
     assert browser.run("document.title").endswith("32 matches")
     assert browser.run("document.querySelectorAll('body img:not(.source), [onerror]').length") == 0
+
+
+def test_large_photographs_are_sharp_where_their_files_are(shared: Browser, tmp_path: Path) -> None:
+    result = made(columns=8, rows=5, cell=330)
+    folder = result.save(tmp_path / "large", report=True)
+    shared.errors.clear()
+    shared.open(folder / "report.html", "#select=m1")
+    shared.press("Enter", "\r")
+    shared.wait("document.documentElement.dataset.tiles === 'shown'")
+    assert shared.run("document.getElementById('no-tiles').hidden")
+    assert shared.errors == []
+    shutil.rmtree(folder / "report_files")
+    shared.open(folder / "report.html", "#select=m1")
+    shared.press("Enter", "\r")
+    shared.wait("!document.getElementById('no-tiles').hidden")
+    assert "report_files/ is not beside" in shared.run("document.getElementById('no-tiles').textContent")
 
 
 def test_a_narrow_screen(browser: Browser, page: Path) -> None:

@@ -16,8 +16,9 @@ from made import SHIFT, made, noise
 
 from zpm2.errors import Failed, InputError
 from zpm2.model import Polygon
+from zpm2.photos.source import InMemoryPhoto
 from zpm2.result import MatchResult, save_report
-from zpm2.view.report import alignment, build, content
+from zpm2.view.report import alignment, build, content, tiles
 
 MARKUP = "</script><!--<script><img src=x onerror=document.title='pwned'>\u2028]]>&lt;'\"`${1}{{ 7 }}"
 
@@ -161,3 +162,29 @@ def test_a_missing_report_is_made_later(tmp_path: Path) -> None:
     files["left"].unlink()
     with pytest.raises(InputError, match=r"left\.png"):
         save_report(without)
+
+
+def test_large_photographs_come_at_full_size_beside_the_page(tmp_path: Path) -> None:
+    result = made(columns=8, rows=5, cell=330)
+    folder = result.save(tmp_path / "large", report=True)
+    data = data_of((folder / "report.html").read_text("utf-8"))
+    assert data["tiles"] == [{"folder": "report_files", "side": 1024, "levels": 1}] * 2
+    assert data["scales"] == [[1, 1], [1, 1]]  # outlines are as sharp as the tiles
+    names = sorted(path.name for path in (folder / "report_files").iterdir())
+    assert len(names) == 2 * 3 * 2
+    with PIL.Image.open(folder / "report_files" / "left-0-2-1.jpg") as tile:
+        assert tile.size == (2640 - 2048, 1650 - 1024)
+        expected = result.images()[0].rgb[1024:, 2048:].astype(int)
+        assert np.abs(np.asarray(tile).astype(int) - expected).mean() < 4
+    stale = folder / "report_files" / names[0]
+    made().save(folder, report=True)  # smaller photographs: the old tiles go
+    assert not stale.parent.exists()
+    assert data_of((folder / "report.html").read_text("utf-8"))["tiles"] == [None, None]
+
+
+def test_levels_of_tiles() -> None:
+    assert [tiles.levels(side, 100, 1600) for side in (1600, 1601, 3200, 3201, 12800, 12801)] == [0, 1, 1, 2, 3, 4]
+    image = noise(3, 3000, 1100)
+    found = dict(tiles.tiles(InMemoryPhoto(image), 2))
+    assert sorted(found) == sorted([*(f"0-{i}-{j}.jpg" for i in range(3) for j in range(2)), "1-0-0.jpg", "1-1-0.jpg"])
+    assert PIL.Image.open(io.BytesIO(found["1-1-0.jpg"])).size == (476, 550)

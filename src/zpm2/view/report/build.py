@@ -3,7 +3,7 @@
 import gzip
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -11,25 +11,46 @@ from numpy.typing import NDArray
 
 from zpm2.config import RasterConfig
 from zpm2.errors import Failed
+from zpm2.formats.convert import Members
 from zpm2.formats.registry import PairResult
+from zpm2.formats.saving import REPORT, TILES
 from zpm2.model import SIDES, Image
-from zpm2.photos.reopen import pixels
-from zpm2.view.report import alignment, content
+from zpm2.photos.reopen import pixels, reopened
+from zpm2.view.report import alignment, content, tiles
 from zpm2.view.report.assets import data_url, render
 
 LONGEST = 1600  # px, the longer side of a photograph in the page
 HELD = 16_000_000  # bytes of the matches.json that the page itself holds, packed; a larger one has to lie beside it
+LARGE = 2400  # px, the longer side from which on a photograph can be seen at full size, from files beside the page
 QUALITY = 85  # 1..100, of the pictures (WebP)
 
 Pixels = NDArray[np.uint8]
 
 
-def report(result: PairResult, document: Mapping[str, object], config: RasterConfig) -> str:
-    """The HTML of `report.html`: the same result gives the same text. Two runs differ in the element `timings` only.
+def report(result: PairResult, document: Members, config: RasterConfig) -> str:
+    """The HTML of `report.html` alone: the same result gives the same text. Two runs differ in the element `timings`
+    only.
 
     document: the content of `matches.json`, which the page offers for download. config: how the photographs are read;
     they are read at the size shown. `InputError` where one is no longer where it was.
     """
+    return _page(result, document, config, [0, 0])
+
+
+def files(result: PairResult, document: Members, config: RasterConfig) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of `report.html`, after those of the tiles of large photographs; arguments as of `report`."""
+    counts = []
+    for side, name in zip((result.left, result.right), SIDES, strict=True):
+        large = max(side.width, side.height) > LARGE
+        counts.append(tiles.levels(side.width, side.height, LONGEST) if large else 0)
+        if large:
+            with reopened(side, name, config) as source:
+                yield from ((f"{TILES}/{name}-{tile}", packed) for tile, packed in tiles.tiles(source, counts[-1]))
+    yield REPORT, _page(result, document, config, counts)
+
+
+def _page(result: PairResult, document: Members, config: RasterConfig, counts: Sequence[int]) -> str:
+    """counts: of the levels of tiles of either side."""
     sides = result.left, result.right
     shown = [_shown(pixels(side, name, config, LONGEST)) for side, name in zip(sides, SIDES, strict=True)]
     sizes = [(picture.shape[1], picture.shape[0]) for picture in shown]
@@ -43,9 +64,9 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
     }
     pictures = [{"name": name, "url": _url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
     pictures += [{"name": how, "url": _url(made.rgba)} for how, made in aligned.items() if not isinstance(made, Failed)]
-    data = content.pair(result, scales) | {
-        "steps": content.STEPS,
-        "scales": [scale.tolist() for scale in scales],
+    sharpest = [np.ones(2) if count else scale for count, scale in zip(counts, scales, strict=True)]
+    data = content.pair(result, (sharpest[0], sharpest[1])) | {
+        "tiles": [{"folder": TILES, "side": tiles.SIDE, "levels": count} if count else None for count in counts],
         "aligned": {how: str(made) if isinstance(made, Failed) else None for how, made in aligned.items()},
         "run": content.run(document),
     }
@@ -61,6 +82,7 @@ def report(result: PairResult, document: Mapping[str, object], config: RasterCon
         pictures=pictures,
         document=held,
         timings=json.dumps(document["timings"]),
+        own="'self' file:" if any(counts) else "",
     )
 
 

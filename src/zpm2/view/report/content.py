@@ -20,7 +20,10 @@ Color = tuple[int, int, int]
 
 
 def pair(result: PairResult, scales: tuple[Array, Array]) -> dict[str, object]:
-    """The polygons, matches and geometry of a pair. scales: (2,) picture px per photograph px, of either side."""
+    """The polygons, matches and geometry of a pair.
+
+    scales: (2,) px of the sharpest picture that the page shows per px of the photograph, of either side.
+    """
     matched = {match.left for match in result.matches}, {match.right for match in result.matches}
     sides = [
         _side(side, name, scale, used)
@@ -29,6 +32,8 @@ def pair(result: PairResult, scales: tuple[Array, Array]) -> dict[str, object]:
     colors = _colors(result)
     return {
         "sides": sides,
+        "steps": STEPS,
+        "scales": [scale.tolist() for scale in scales],
         "matches": [_match(match, color) for match, color in zip(result.matches, colors, strict=True)],
         "fundamental": _matrix(result.fundamental),
         "homography": _matrix(result.homography),

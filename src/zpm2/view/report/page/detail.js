@@ -107,6 +107,8 @@ function chip(item, side, page) {
   context.setTransform(ratio * zoom, 0, 0, ratio * zoom, ratio * (WIDTH / 2 - zoom * center[0]), ratio * (HEIGHT / 2 - zoom * center[1]));
   context.imageSmoothingQuality = "high";
   context.drawImage(panel.picture, 0, 0, panel.side.width, panel.side.height);
+  const half = [WIDTH / zoom / 2, HEIGHT / zoom / 2];
+  panel.tiles?.draw(context, [center[0] - half[0], center[1] - half[1], center[0] + half[0], center[1] + half[1]], zoom * ratio);
   if (polygon) {
     for (const [width, color] of [[3.5, "rgba(0, 0, 0, 0.6)"], [1.5, "#ffe14d"]]) {
       context.lineWidth = width / zoom;

@@ -11,6 +11,7 @@ import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
 import { DEFAULTS, fromFragment, toFragment } from "#report/state.js";
 import { Table } from "#report/table.js";
+import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
 const SMALL = 40; // screen px; a link to a smaller polygon zooms to it
@@ -21,11 +22,15 @@ class Report {
   constructor(data) {
     this.data = data;
     this.reasons = data.reasons;
+    data.sides.forEach((side, k) => (side.tiles = data.tiles[k]));
     Object.assign(this, itemsOf(data));
     this.byKey = new Map(this.items.map((item) => [item.key, item]));
     this.state = fromFragment(location.hash);
     this.pictures = Object.fromEntries([...document.querySelectorAll("img.source")].map((img) => [img.id.slice(8), img]));
-    this.panels = data.sides.map((side, k) => new Panel(the(`panel-${side.name}`), side, this.pictures[side.name], this.polygons[k], `${side.name} photograph`));
+    this.panels = data.sides.map((side, k) => {
+      const tiles = side.tiles && new Tiles(side, this.pictures[side.name], () => this.arrived());
+      return new Panel(the(`panel-${side.name}`), side, this.pictures[side.name], tiles, this.polygons[k], `${side.name} photograph`);
+    });
     this.saved = new Verdicts(data);
     this.verdicts = this.saved.of;
     this.hovered = null;
@@ -326,6 +331,16 @@ class Report {
       this.marks();
       document.documentElement.dataset.ready ??= String(Math.round(performance.now()));
     });
+  }
+
+  /** A tile has come, or there are none. */
+  arrived() {
+    const missing = this.panels.some((panel) => panel.tiles?.missing);
+    document.documentElement.dataset.tiles = missing ? "missing" : "shown";
+    the("no-tiles").hidden = !missing;
+    if (missing) the("no-tiles").textContent = `Reduced photographs: ${this.data.sides[0].tiles?.folder ?? this.data.sides[1].tiles.folder}/ is not beside this page.`;
+    this.refresh();
+    this.detail();
   }
 
   /** Paints the polygons when the view has come to rest. */

@@ -15,9 +15,9 @@ const LABEL = 13; // px, height of the numbers
 const HANDLE = 14; // px on either side of the curtain's edge, where it can be taken
 
 export class Panel {
-  /** element: of the page, gets the canvases. picture: an image, px of the photograph times scale. */
-  constructor(element, side, picture, polygons, name) {
-    Object.assign(this, { element, side, picture, polygons });
+  /** element: of the page, gets the canvases. picture: an image of the whole photograph. tiles: of a large one. */
+  constructor(element, side, picture, tiles, polygons, name) {
+    Object.assign(this, { element, side, picture, tiles, polygons });
     [this.photo, this.shapes, this.top] = ["photo", "shapes", "top"].map((kind) => {
       const canvas = document.createElement("canvas");
       canvas.className = kind;
@@ -80,10 +80,15 @@ export class Panel {
     this.whole = false;
   }
 
+  /** Px of the sharpest picture per px of the photograph. */
+  get sharpness() {
+    return this.tiles && !this.tiles.missing ? 1 : this.picture.naturalWidth / this.side.width;
+  }
+
   /** The zoom at which a box fills half of the panel, as far as the picture has the pixels for it. */
   zoomOf(box) {
     const half = 0.5 * Math.min(this.width / (box[2] - box[0]), this.height / (box[3] - box[1]));
-    return Math.min(half, (ENLARGED * this.picture.naturalWidth) / this.side.width);
+    return Math.min(half, ENLARGED * this.sharpness);
   }
 
   toPhoto([sx, sy]) {
@@ -129,17 +134,22 @@ export class Panel {
   paintPhoto() {
     const context = this.context(this.photo);
     this.toPhotoUnits(context);
-    context.imageSmoothingEnabled = this.view.zoom < 4 * (this.picture.naturalWidth / this.side.width);
+    context.imageSmoothingEnabled = this.view.zoom < 4 * this.sharpness;
     context.imageSmoothingQuality = "high";
     const { width, height } = this.side;
     if (!this.over || this.edge > 0) context.drawImage(this.picture, 0, 0, width, height);
+    if (!this.over) this.tiles?.draw(context, this.sight(), this.view.zoom * this.ratio);
     if (this.over && this.edge < 1) this.paintOver(context);
+  }
+
+  /** The box of the photograph that is in sight. */
+  sight() {
+    return [...this.toPhoto([0, 0]), ...this.toPhoto([this.width, this.height])];
   }
 
   /** The polygons in sight, largest first. */
   seen() {
-    const [x0, y0] = this.toPhoto([0, 0]);
-    const [x1, y1] = this.toPhoto([this.width, this.height]);
+    const [x0, y0, x1, y1] = this.sight();
     return this.order.filter((p) => p.shown && p.box[0] < x1 && p.box[2] > x0 && p.box[1] < y1 && p.box[3] > y0);
   }
 
