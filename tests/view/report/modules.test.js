@@ -142,6 +142,17 @@ test("a packed document is unpacked", async () => {
 test("every module is valid and finds what it imports", async () => {
   const names = readdirSync(process.env.PAGE).filter((name) => name.endsWith(".js"));
   assert.ok(names.includes("main.js"));
-  execFileSync(process.execPath, ["--check", `${process.env.PAGE}/main.js`]); // starts the page when it is imported
-  for (const name of names) if (name !== "main.js") await load(name.slice(0, -3));
+  for (const name of ["main.js", "pairs.js"]) execFileSync(process.execPath, ["--check", `${process.env.PAGE}/${name}`]); // they start a page
+  for (const name of names) if (!["main.js", "pairs.js"].includes(name)) await load(name.slice(0, -3));
+});
+
+test("rows of pairs: sorted, those without a value last", async () => {
+  const { ordered } = await load("rows");
+  const rows = [["b/2", 0.5], ["a/10", null], ["c", 0.9]].map(([name, F1]) => ({ name, values: { F1 } }));
+  const names = (state) => ordered(rows, { sort: "", down: false, text: "", ...state }).map((row) => row.name);
+  assert.deepEqual(names({}), ["b/2", "a/10", "c"]);
+  assert.deepEqual(names({ sort: "F1" }), ["b/2", "c", "a/10"]);
+  assert.deepEqual(names({ sort: "F1", down: true }), ["c", "b/2", "a/10"]);
+  assert.deepEqual(names({ sort: "name" }), ["a/10", "b/2", "c"]);
+  assert.deepEqual(names({ text: " A/ " }), ["a/10"]);
 });
