@@ -94,7 +94,7 @@ test("sorting puts what has no value last, either way", () => {
   assert.deepEqual(order("confidence", true), ["m1", "m4", "l7", "r5"]);
   assert.deepEqual(order("area", false), ["l7", "m1", "m4", "r5"]);
   assert.deepEqual(order("stage", false), ["m1", "m4", "r5", "l7"]);
-  assert.deepEqual(order("id", true), ["l7", "r5", "m4", "m1"]);
+  assert.deepEqual(order("id", true), ["m4", "m1", "l7", "r5"]);
 });
 
 test("a place is expected where the nearest matches lead", () => {

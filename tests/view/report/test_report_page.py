@@ -15,7 +15,7 @@ import pytest
 from made import SHIFT, made, noise
 
 from zpm2.errors import Failed, InputError
-from zpm2.model import Polygon
+from zpm2.model import PointMatches, Polygon
 from zpm2.photos.source import InMemoryPhoto
 from zpm2.result import MatchResult, save_report
 from zpm2.view.report import alignment, build, content, tiles
@@ -123,6 +123,18 @@ def test_the_right_photograph_is_laid_over_the_left_one(how: str) -> None:
     assert (seen[..., 3] == 255).all()
     assert np.abs(seen[..., :3].astype(int) - left.rgb[8:-8, 24:-8]).mean() < 1
     assert (found.rgba[:, :10, 3] == 0).all()  # left of what the right photograph shows
+
+
+def test_points_that_move_unlike_their_neighbours_are_left_out() -> None:
+    random = np.random.default_rng(0)
+    left = random.uniform(0, 400, (200, 2))
+    points = PointMatches(left, left - (SHIFT, 0), np.ones(200))
+    points.right[::20] += 60
+    scale, image = np.ones(2), noise(4, 400, 400)
+    found = alignment.by_points(image.rgb, points, (scale, scale), (400, 400))
+    assert not isinstance(found, Failed)
+    seen, expected = found.rgba[50:350, 50:350], image.rgb[50:350, 38:338]
+    assert np.abs(seen[..., :3].astype(int) - expected).mean() < 1
 
 
 def test_without_points_there_is_no_alignment() -> None:

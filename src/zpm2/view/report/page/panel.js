@@ -8,6 +8,7 @@ import { paintOf } from "#report/items.js";
 
 const MARGIN = 0.02; // of the panel, around a photograph that is shown whole
 const MANY = 600; // polygons in sight that are not painted again at once while the view moves
+const PALE = 200; // outlines of polygons that are not coloured; more are fainter
 const DOT = 3; // screen px, the longer side of a polygon that is painted as a box
 const DEEPEST = 64; // screen px per px of the photograph
 const ENLARGED = 6; // screen px per px of the picture, when zooming to a polygon
@@ -170,6 +171,8 @@ export class Panel {
     const { zoom } = this.view;
     [this.painted, this.crowded] = [this.view, seen.length > MANY];
     context.lineJoin = "round";
+    const alone = seen.filter((polygon) => !paintOf(polygon.item, state.color, reasons).filled).length;
+    const pale = Math.max(0.2, 0.6 * Math.sqrt(Math.min(1, PALE / (alone + 1)))); // many outlines are fainter
     for (const filled of [false, true]) {
       for (const polygon of seen) {
         const paint = paintOf(polygon.item, state.color, reasons);
@@ -184,7 +187,7 @@ export class Panel {
           context.globalAlpha = state.fill / 100;
           context.fill(polygon.path, "evenodd");
         }
-        context.globalAlpha = filled ? 1 : 0.6;
+        context.globalAlpha = filled ? 1 : pale;
         context.lineWidth = (filled ? 1.6 : 0.8) / zoom;
         context.stroke(polygon.path);
       }
