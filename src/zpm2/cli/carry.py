@@ -68,6 +68,10 @@ def carry(
             autocompletion=one_of(point_matchers),
         ),
     ] = None,
+    page: Annotated[
+        bool,
+        typer.Option("--report/--no-report", help="Write report.html, a page to look at the regions (zpm2 view)."),
+    ] = True,
     bands: Bands = None,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -83,8 +87,8 @@ def carry(
     """Find given regions of one photograph in others.
 
     For each right photograph a folder of its name gets the regions in the format they came in, with the same ids,
-    labels and attributes, carry.json with status, confidence and reason of each, and overlay.png; of georeferenced
-    photographs also the shift of each region.
+    labels and attributes, carry.json with status, confidence and reason of each, report.html (open it in a browser, or
+    zpm2 view) and overlay.png; of georeferenced photographs also the shift of each region.
     """
     from zpm2 import api
     from zpm2.carry import opened_regions
@@ -115,7 +119,7 @@ def carry(
         found = []
         for folder, right in zip(folders, rights, strict=True):
             result = matcher.carry(left, right, file, rigid=rigid)
-            result.save(make_folder(out / folder))
+            result.save(make_folder(out / folder), report=page)
             found.append((folder, result))
     _report(found, out, quiet, as_json)
 

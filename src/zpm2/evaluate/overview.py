@@ -39,11 +39,12 @@ SCORED = (
 
 
 def found_below(folder: Path) -> list[Path]:
-    """The folders below one that hold a result, or why there is none (failed.json), sorted; hidden ones left out."""
+    """The folders below one that hold a result, its report, or why there is none (failed.json); sorted, without hidden
+    ones."""
     found = []
     for place, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        if Path(place) != folder and {DOCUMENT, "failed.json"} & set(names):
+        if Path(place) != folder and {DOCUMENT, REPORT, "failed.json"} & set(names):
             found.append(Path(place))
     return sorted(found)
 
@@ -90,7 +91,7 @@ def _row(place: Path, name: str, scores: Mapping[str, Mapping[str, str]], folder
     try:
         if (place / DOCUMENT).is_file():
             values |= _of_document(place / DOCUMENT)
-        else:
+        elif not (place / REPORT).is_file():
             remark = f"failed: {read_json(place / 'failed.json')['reason']}"
     except (*WRONG, OSError) as error:
         remark = f"{place.relative_to(folder).as_posix()} cannot be read: {error}"
@@ -120,15 +121,14 @@ def _badness(row: Row) -> tuple[bool, float, float, str]:
 def _linked(row: Row, place: Path, folder: Path, wanted: bool, tell: Callable[[str], None]) -> Row:
     """The row with a link to its report, which is made if it is wanted and missing."""
     link, remark = None, row.remark
-    if (place / DOCUMENT).is_file():
+    if wanted and (place / DOCUMENT).is_file() and not (place / REPORT).is_file():
         try:
-            if wanted and not (place / REPORT).is_file():
-                tell(row.name)
-                save_report(place)
+            tell(row.name)
+            save_report(place)
         except Zpm2Error as error:
             remark = f"no report: {error}"
-        if (place / REPORT).is_file():
-            link = (place / REPORT).relative_to(folder).as_posix()
+    if (place / REPORT).is_file():
+        link = (place / REPORT).relative_to(folder).as_posix()
     return Row(row.name, link and _address(link), remark, row.thumbnail, row.values)
 
 

@@ -18,11 +18,13 @@ from zpm2.model import SIDES, Image
 from zpm2.photos.reopen import pixels, reopened
 from zpm2.view.report import alignment, content, tiles
 from zpm2.view.report.assets import data_url, render
+from zpm2.view.report.content import Words
 
 LONGEST = 1600  # px, the longer side of a photograph in the page
 HELD = 16_000_000  # bytes of the matches.json that the page itself holds, packed; a larger one has to lie beside it
 LARGE = 2400  # px, the longer side from which on a photograph can be seen at full size, from files beside the page
 QUALITY = 85  # 1..100, of the pictures (WebP)
+WORDS = Words()
 
 Pixels = NDArray[np.uint8]
 
@@ -34,10 +36,12 @@ def report(result: PairResult, document: Members, config: RasterConfig) -> str:
     document: the content of `matches.json`, which the page offers for download. config: how the photographs are read;
     they are read at the size shown. `InputError` where one is no longer where it was.
     """
-    return _page(result, document, config, [0, 0])
+    return _page(result, document, config, WORDS, [0, 0])
 
 
-def files(result: PairResult, document: Members, config: RasterConfig) -> Iterator[tuple[str, str | bytes]]:
+def files(
+    result: PairResult, document: Members, config: RasterConfig, words: Words = WORDS
+) -> Iterator[tuple[str, str | bytes]]:
     """Name and content of `report.html`, after those of the tiles of large photographs; arguments as of `report`."""
     counts = []
     for side, name in zip((result.left, result.right), SIDES, strict=True):
@@ -46,10 +50,10 @@ def files(result: PairResult, document: Members, config: RasterConfig) -> Iterat
         if large:
             with reopened(side, name, config) as source:
                 yield from ((f"{TILES}/{name}-{tile}", packed) for tile, packed in tiles.tiles(source, counts[-1]))
-    yield REPORT, _page(result, document, config, counts)
+    yield REPORT, _page(result, document, config, words, counts)
 
 
-def _page(result: PairResult, document: Members, config: RasterConfig, counts: Sequence[int]) -> str:
+def _page(result: PairResult, document: Members, config: RasterConfig, words: Words, counts: Sequence[int]) -> str:
     """counts: of the levels of tiles of either side."""
     sides = result.left, result.right
     shown = [_shown(pixels(side, name, config, LONGEST)) for side, name in zip(sides, SIDES, strict=True)]
@@ -65,7 +69,7 @@ def _page(result: PairResult, document: Members, config: RasterConfig, counts: S
     pictures = [{"name": name, "url": _url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
     pictures += [{"name": how, "url": _url(made.rgba)} for how, made in aligned.items() if not isinstance(made, Failed)]
     sharpest = [np.ones(2) if count else scale for count, scale in zip(counts, scales, strict=True)]
-    data = content.pair(result, (sharpest[0], sharpest[1])) | {
+    data = content.pair(result, (sharpest[0], sharpest[1]), words) | {
         "tiles": [{"folder": TILES, "side": tiles.SIDE, "levels": count} if count else None for count in counts],
         "aligned": {how: str(made) if isinstance(made, Failed) else None for how, made in aligned.items()},
         "run": content.run(document),
@@ -81,6 +85,7 @@ def _page(result: PairResult, document: Members, config: RasterConfig, counts: S
         names=names,
         pictures=pictures,
         document=held,
+        document_name=words.document,
         timings=json.dumps(document["timings"]),
         own="'self' file:" if any(counts) else "",
     )

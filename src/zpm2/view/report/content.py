@@ -1,6 +1,7 @@
 """What the report page shows of a pair, as plain values for its JSON."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
@@ -12,6 +13,8 @@ from zpm2.model import SIDES, ImagePolygons, Polygon, PolygonMatch
 from zpm2.view.overlay import OTHER_REASON, REASONS, UNKNOWN
 from zpm2.view.palette import distinct_colors
 
+_LIKE = (("outside", "outside overlap"), ("hidden", "occluded"), ("not found", "no candidate"))
+CARRIED = {name: REASONS[like] for name, like in _LIKE}  # colours of statuses of carried regions
 STEPS = 8  # units of a vertex per px of the picture
 TOLERANCE = 0.3  # px of the picture by which a simplified outline may be off
 
@@ -19,14 +22,23 @@ Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 
-def pair(result: PairResult, scales: tuple[Array, Array]) -> dict[str, object]:
+@dataclass(frozen=True)
+class Words:
+    """What a page says that is not in a `MatchResult`."""
+
+    document: str = "matches.json"  # name of the file that the page holds
+    stages: Mapping[int, str] = field(default_factory=dict)  # match id -> what the page says in the place of its stage
+    remarks: Mapping[int, str] = field(default_factory=dict)  # id of a left polygon -> a sentence on what became of it
+
+
+def pair(result: PairResult, scales: tuple[Array, Array], words: Words) -> dict[str, object]:
     """The polygons, matches and geometry of a pair.
 
     scales: (2,) px of the sharpest picture that the page shows per px of the photograph, of either side.
     """
     matched = {match.left for match in result.matches}, {match.right for match in result.matches}
     sides = [
-        _side(side, name, scale, used)
+        _side(side, name, scale, used, words.remarks if name == "left" else {})
         for side, name, scale, used in zip((result.left, result.right), SIDES, scales, matched, strict=True)
     ]
     colors = _colors(result)
@@ -34,14 +46,20 @@ def pair(result: PairResult, scales: tuple[Array, Array]) -> dict[str, object]:
         "sides": sides,
         "steps": STEPS,
         "scales": [scale.tolist() for scale in scales],
-        "matches": [_match(match, color) for match, color in zip(result.matches, colors, strict=True)],
+        "matches": [
+            _match(match, color) | {"stage": words.stages.get(match.id, match.stage)}
+            for match, color in zip(result.matches, colors, strict=True)
+        ],
+        "document": words.document,
         "fundamental": _matrix(result.fundamental),
         "homography": _matrix(result.homography),
-        "reasons": {name: _hex(color) for name, color in [*REASONS.items(), (UNKNOWN, OTHER_REASON)]},
+        "reasons": {name: _hex(color) for name, color in [*REASONS.items(), *CARRIED.items(), (UNKNOWN, OTHER_REASON)]},
     }
 
 
-def _side(side: ImagePolygons, name: str, scale: Array, matched: set[int]) -> dict[str, object]:
+def _side(
+    side: ImagePolygons, name: str, scale: Array, matched: set[int], remarks: Mapping[int, str]
+) -> dict[str, object]:
     return {
         "name": name,
         "path": side.path,
@@ -55,6 +73,7 @@ def _side(side: ImagePolygons, name: str, scale: Array, matched: set[int]) -> di
                 "label": polygon.label,
                 "parent": polygon.parent,
                 "why": None if polygon.id in matched else side.unmatched.get(polygon.id, UNKNOWN),
+                "remark": remarks.get(polygon.id),
                 "rings": rings(polygon, scale),
             }
             for polygon in side.polygons
@@ -68,11 +87,10 @@ def _match(match: PolygonMatch, color: Color) -> dict[str, object]:
         "left": match.left,
         "right": match.right,
         "confidence": round(match.confidence, 4),
-        "cost": round(match.cost, 4),
+        "cost": _known(match.cost),
         "dsf": match.dsf,
-        "stage": match.stage,
         "overlap": round(match.overlap, 4),
-        "visible": round(match.visible, 4),
+        "visible": _known(match.visible),
         "color": _hex(color),
     }
 
@@ -103,6 +121,10 @@ def _colors(result: PairResult) -> list[Color]:
         places.append(bounds / max(side.width, side.height))
     low, high = (np.hstack([bounds[:, part] for bounds in places]) for part in (slice(0, 2), slice(2, 4)))
     return distinct_colors((low + high) / 2, (high - low).max(1, initial=0) / 2)
+
+
+def _known(value: float) -> float | None:
+    return round(value, 4) if np.isfinite(value) else None
 
 
 def _matrix(matrix: Array | Failed) -> dict[str, object]:

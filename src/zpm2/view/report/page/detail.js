@@ -17,12 +17,14 @@ export function showDetail(element, item, page) {
   }
   const matched = item.kind === "match";
   const title = matched ? `Match ${item.id}` : `${item.kind === "left" ? "Left" : "Right"} polygon ${item.id}, not matched`;
-  element.replaceChildren(
+  const parts = [
     make("h2", {}, title, item.label ? make("span", { class: "label" }, item.label) : null),
     make("div", { class: "chips" }, [0, 1].map((k) => chip(item, k, page))),
     matched ? numbers(item, page) : reason(item, page),
+    matched && item.polygons[0].remark ? make("p", { class: "why" }, item.polygons[0].remark) : null,
     make("table", { class: "sides" }, sides(item, page)),
-  );
+  ];
+  element.replaceChildren(...parts.filter(Boolean));
 }
 
 /** How many matches have which confidence, in tenths. */
@@ -62,7 +64,7 @@ function numbers(item, page) {
 function reason(item, page) {
   const swatch = make("i", { class: "swatch" });
   swatch.style.background = page.reasons[item.why] ?? "#aaa";
-  return make("p", { class: "why" }, swatch, make("b", {}, item.why), ". ", WHY[item.why] ?? "");
+  return make("p", { class: "why" }, swatch, make("b", {}, item.why), ". ", item.polygons[0]?.remark ?? WHY[item.why] ?? "");
 }
 
 function sides(item, page) {

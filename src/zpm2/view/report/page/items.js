@@ -2,7 +2,7 @@
 
 import { boxOf, centerOf } from "#report/geometry.js";
 
-export const STAGES = { global: "#0072b2", local: "#e69f00", guided: "#009e73" }; // Okabe and Ito's colours
+export const STAGES = { global: "#0072b2", local: "#e69f00", guided: "#009e73", found: "#0072b2", "in part": "#e69f00" }; // Okabe and Ito's colours
 export const CONFIDENCE = [ // from which confidence on, colour
   [0.9, "#4393ff"],
   [0.7, "#f4f1a5"],

@@ -130,8 +130,8 @@ class Report {
     }
     if (what !== "result") return;
     const packed = the("document").textContent;
-    if (packed) offer("matches.json", "application/json", await unpacked(packed, the("timings").textContent));
-    else window.open("matches.json"); // a large one lies beside the page
+    if (packed) offer(this.data.document, "application/json", await unpacked(packed, the("timings").textContent));
+    else window.open(this.data.document); // a large one lies beside the page
   }
 
   /** Changes members of the state, and the address with it. */
@@ -181,11 +181,12 @@ class Report {
       return make("span", {}, swatch, text);
     };
     const { color } = this.state;
+    const stages = new Set(this.items.map((item) => item.stage));
     const whys = new Set(this.items.map((item) => item.why).filter(Boolean));
     the("legend").replaceChildren(
       ...(color === "match" ? [make("span", {}, "same colour, same surface")] : []),
       ...(color === "confidence" ? CONFIDENCE.map(([least, value]) => entry(value, least ? `from ${least}` : "less")) : []),
-      ...(color === "stage" ? Object.entries(STAGES).map(([name, value]) => entry(value, name)) : []),
+      ...(color === "stage" ? Object.entries(STAGES).filter(([name]) => stages.has(name)).map(([name, value]) => entry(value, name)) : []),
       ...(color === "why" ? Object.entries(this.reasons).filter(([name]) => whys.has(name)).map(([name, value]) => entry(value, name)) : []),
       ...(color === "why" ? [] : [entry("#d6d6d6", "not matched")]),
     );
