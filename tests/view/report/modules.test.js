@@ -156,3 +156,14 @@ test("rows of pairs: sorted, those without a value last", async () => {
   assert.deepEqual(names({ sort: "name" }), ["a/10", "b/2", "c"]);
   assert.deepEqual(names({ text: " A/ " }), ["a/10"]);
 });
+
+test("verdicts are kept for one result", async () => {
+  const { nameOf } = await load("verdicts");
+  assert.equal(nameOf(DATA), nameOf(structuredClone(DATA)));
+  const other = structuredClone(DATA);
+  other.matches[0].right = 2;
+  assert.notEqual(nameOf(DATA), nameOf(other));
+  other.matches[0].right = 0;
+  other.sides[0].polygons[0].area = 17;
+  assert.notEqual(nameOf(DATA), nameOf(other));
+});

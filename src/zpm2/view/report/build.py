@@ -45,10 +45,12 @@ def files(
     """Name and content of `report.html`, after those of the tiles of large photographs; arguments as of `report`."""
     counts = []
     for side, name in zip((result.left, result.right), SIDES, strict=True):
-        large = max(side.width, side.height) > LARGE
-        counts.append(tiles.levels(side.width, side.height, LONGEST) if large else 0)
-        if large:
-            with reopened(side, name, config) as source:
+        counts.append(0)
+        if max(side.width, side.height) <= LARGE:
+            continue
+        with reopened(side, name, config) as source:
+            if source.width == side.width:  # else there is a reduced one in memory and no file
+                counts[-1] = tiles.levels(side.width, side.height, LONGEST)
                 yield from ((f"{TILES}/{name}-{tile}", packed) for tile, packed in tiles.tiles(source, counts[-1]))
     yield REPORT, _page(result, document, config, words, counts)
 

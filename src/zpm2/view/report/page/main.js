@@ -1,15 +1,15 @@
 // The report of a pair: puts state, photographs, table and details together.
 
-import { make, shown, the } from "#report/dom.js";
+import { connectControls, listChoices, showLegend } from "#report/controls.js";
+import { shown, the } from "#report/dom.js";
 import { showDetail } from "#report/detail.js";
-import { csv, offer, readVerdicts, unpacked, verdictsDocument } from "#report/downloads.js";
 import { clipLine, multiply, transposed } from "#report/geometry.js";
-import { CONFIDENCE, STAGES, expectedPlace, itemsOf, paintOf, passes, sorted } from "#report/items.js";
+import { expectedPlace, itemsOf, paintOf, passes, sorted } from "#report/items.js";
 import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
-import { DEFAULTS, fromFragment, toFragment } from "#report/state.js";
+import { fromFragment, toFragment } from "#report/state.js";
 import { Table } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
@@ -54,8 +54,8 @@ class Report {
     the("alert").textContent = `⚠ ${warnings} ${warnings === 1 ? "warning" : "warnings"}`;
     the("alert").addEventListener("click", () => this.set({ tab: "run" }));
     showRun(the("run"), this.data);
-    this.chips();
-    this.controls();
+    listChoices(this);
+    connectControls(this);
     pointers(this);
     onKeys(this);
     new ResizeObserver(() => this.layout()).observe(the("stage"));
@@ -64,74 +64,6 @@ class Report {
     this.adopt(this.state);
     const small = this.chosen?.polygons.some((p, k) => p && Math.max(p.box[2] - p.box[0], p.box[3] - p.box[1]) * this.panels[k].view.zoom < SMALL);
     if (small) this.zoomTo(this.chosen);
-  }
-
-  /** Check boxes for the stages and reasons that occur. */
-  chips() {
-    const counts = new Map();
-    for (const item of this.items) counts.set(item.stage ?? item.why, (counts.get(item.stage ?? item.why) ?? 0) + 1);
-    const order = [...Object.keys(STAGES), ...Object.keys(this.reasons)];
-    const names = [...counts.keys()].sort((a, b) => order.indexOf(a) - order.indexOf(b));
-    the("chosen").append(
-      ...names.map((name) => {
-        const box = make("input", { type: "checkbox", value: name, onchange: () => this.toggleHidden(name) });
-        return make("label", {}, box, `${name} `, make("small", {}, shown(counts.get(name))));
-      }),
-    );
-  }
-
-  toggleHidden(name) {
-    const { hide } = this.state;
-    this.set({ hide: hide.includes(name) ? hide.filter((each) => each !== name) : [...hide, name] });
-  }
-
-  /** Every element with data-state shows a member of the state and changes it. */
-  controls() {
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const name = element.dataset.state;
-      element.addEventListener("input", () => {
-        if (element.type === "checkbox") this.set({ [name]: element.checked });
-        else if (typeof DEFAULTS[name] === "number") this.set({ [name]: Number(element.value) || 0 });
-        else this.set({ [name]: element.value });
-      });
-    }
-    the("filters").addEventListener("submit", (event) => event.preventDefault());
-    the("filters").addEventListener("reset", (event) => {
-      event.preventDefault();
-      const { show, hide, min, max, least, most, text } = DEFAULTS;
-      this.set({ show, hide, min, max, least, most, text });
-    });
-    for (const tab of ["list", "run"]) the(`tab-${tab}`).addEventListener("click", () => this.set({ tab }));
-    the("theme").addEventListener("click", () => this.turnTheme());
-    the("help-button").addEventListener("click", () => the("help").showModal());
-    the("fit").addEventListener("click", () => this.fit());
-    the("play").addEventListener("click", () => this.play(!this.playing));
-    for (const button of document.querySelectorAll("[data-offer]")) {
-      button.addEventListener("click", () => this.offer(button.dataset.offer));
-    }
-    the("load").addEventListener("change", async ({ target }) => {
-      try {
-        const found = readVerdicts(await target.files[0].text(), this.items);
-        this.saved.replace({ ...this.verdicts, ...found });
-        the("offer-note").textContent = `${Object.keys(found).length} verdicts loaded`;
-      } catch (error) {
-        the("offer-note").textContent = `Not loaded: ${error.message}`;
-      }
-      target.value = "";
-      this.adopt(this.state);
-    });
-  }
-
-  async offer(what) {
-    if (what === "table") offer("matches.csv", "text/csv", csv(this.listed, this.verdicts));
-    if (what === "verdicts") {
-      const document = verdictsDocument(this.data, this.items, this.verdicts);
-      offer("verdicts.json", "application/json", `${JSON.stringify(document, null, 1)}\n`);
-    }
-    if (what !== "result") return;
-    const packed = the("document").textContent;
-    if (packed) offer(this.data.document, "application/json", await unpacked(packed, the("timings").textContent));
-    else window.open(this.data.document); // a large one lies beside the page
   }
 
   /** Changes members of the state, and the address with it. */
@@ -168,28 +100,10 @@ class Report {
     the("listed").textContent = `${shown(this.listed.length)} of ${shown(this.items.length)} shown${judged ? `, ${judged} judged` : ""}`;
     this.table.show(this.listed, state, this.verdicts, this.reasons);
     if (state.select !== before.select || before === state) this.table.reveal(state.select);
-    this.legend();
+    showLegend(this);
     this.compare();
     this.layout();
     this.detail();
-  }
-
-  legend() {
-    const entry = (color, text) => {
-      const swatch = make("i", { class: "swatch" });
-      swatch.style.background = color;
-      return make("span", {}, swatch, text);
-    };
-    const { color } = this.state;
-    const stages = new Set(this.items.map((item) => item.stage));
-    const whys = new Set(this.items.map((item) => item.why).filter(Boolean));
-    the("legend").replaceChildren(
-      ...(color === "match" ? [make("span", {}, "same colour, same surface")] : []),
-      ...(color === "confidence" ? CONFIDENCE.map(([least, value]) => entry(value, least ? `from ${least}` : "less")) : []),
-      ...(color === "stage" ? Object.entries(STAGES).filter(([name]) => stages.has(name)).map(([name, value]) => entry(value, name)) : []),
-      ...(color === "why" ? Object.entries(this.reasons).filter(([name]) => whys.has(name)).map(([name, value]) => entry(value, name)) : []),
-      ...(color === "why" ? [] : [entry("#d6d6d6", "not matched")]),
-    );
   }
 
   /** Lays the aligned right photograph over the left one, or takes it away. */

@@ -1,9 +1,8 @@
-// What the person said of matches, kept by the browser for this pair of photographs.
+// What the person said of matches, kept by the browser for this result.
 
 export class Verdicts {
   constructor(data) {
-    const photographs = data.sides.map((side) => [side.path, side.width, side.height, side.polygons.length]);
-    this.name = `zpm2-verdicts ${JSON.stringify(photographs)}`;
+    this.name = nameOf(data);
     this.of = {}; // item key -> "right" or "wrong"
     try {
       Object.assign(this.of, JSON.parse(localStorage.getItem(this.name) ?? "{}"));
@@ -32,4 +31,13 @@ export class Verdicts {
       // as above
     }
   }
+}
+
+/** A name that another result, with other polygons or matches of the same photographs, does not have. */
+export function nameOf({ sides, matches }) {
+  const photographs = sides.map(({ path, width, height }) => [path, width, height]);
+  const text = JSON.stringify([sides.map((side) => side.polygons.map(({ id, area }) => [id, area])), matches.map((m) => [m.left, m.right])]);
+  let hash = 0x811c9dc5; // FNV-1a, 32 bits
+  for (let k = 0; k < text.length; k++) hash = Math.imul(hash ^ text.charCodeAt(k), 0x01000193) >>> 0;
+  return `zpm2-verdicts ${hash.toString(16)} ${JSON.stringify(photographs)}`;
 }
