@@ -69,12 +69,11 @@ function reason(item, page) {
 
 function sides(item, page) {
   const rows = [
-    ["Id", (p) => String(p.id)],
     ["Label", (p) => p.label],
     ["Area", (p) => `${shown(p.area)} px²`],
     ["Score", (p) => shown(p.score, 2)],
     ["Inside", (p) => parentLink(p, page)],
-  ].filter(([name, of]) => item.polygons.some((p) => p && of(p) !== null) || name === "Id");
+  ].filter(([, of]) => item.polygons.some((p) => p && of(p) !== null));
   return [
     make("tr", {}, make("th", {}), make("th", { scope: "col" }, "Left"), make("th", { scope: "col" }, "Right")),
     rows.map(([name, of]) => make("tr", {}, make("th", { scope: "row" }, name), item.polygons.map((p) => make("td", {}, (p && of(p)) ?? "–")))),
