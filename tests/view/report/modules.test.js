@@ -56,8 +56,7 @@ test("a line is cut to a box", () => {
   assert.equal(geometry.clipLine([0, 1, 5], [0, 0, 10, 10]), null);
 });
 
-test("homographies and epipolar lines", () => {
-  assert.deepEqual(geometry.project([[2, 0, 1], [0, 2, 0], [0, 0, 2]], [3, 4]), [3.5, 4]);
+test("epipolar lines", () => {
   const sideways = [[0, 0, 0], [0, 0, -1], [0, 1, 0]]; // rows stay rows
   assert.deepEqual(geometry.multiply(sideways, [3, 4, 1]), [0, -1, 4]);
   assert.deepEqual(geometry.transposed([[1, 2, 3], [4, 5, 6], [7, 8, 9]])[0], [1, 4, 7]);

@@ -119,10 +119,10 @@ def test_the_right_photograph_is_laid_over_the_left_one(how: str) -> None:
         else alignment.by_homography(right.rgb, shift, (scale, scale), size)
     )
     assert not isinstance(found, Failed)
-    seen = found.rgba[8:-8, 24:-8]
+    seen = found[8:-8, 24:-8]
     assert (seen[..., 3] == 255).all()
     assert np.abs(seen[..., :3].astype(int) - left.rgb[8:-8, 24:-8]).mean() < 1
-    assert (found.rgba[:, :10, 3] == 0).all()  # left of what the right photograph shows
+    assert (found[:, :10, 3] == 0).all()  # left of what the right photograph shows
 
 
 def test_points_that_move_unlike_their_neighbours_are_left_out() -> None:
@@ -133,7 +133,7 @@ def test_points_that_move_unlike_their_neighbours_are_left_out() -> None:
     scale, image = np.ones(2), noise(4, 400, 400)
     found = alignment.by_points(image.rgb, points, (scale, scale), (400, 400))
     assert not isinstance(found, Failed)
-    seen, expected = found.rgba[50:350, 50:350], image.rgb[50:350, 38:338]
+    seen, expected = found[50:350, 50:350], image.rgb[50:350, 38:338]
     assert np.abs(seen[..., :3].astype(int) - expected).mean() < 1
 
 

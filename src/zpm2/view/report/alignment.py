@@ -1,6 +1,4 @@
-"""The right photograph as the left one sees it, so that both can be laid over each other."""
-
-from dataclasses import dataclass
+"""The right photograph in the frame of the left picture, to be laid over it; transparent where it shows nothing."""
 
 import cv2
 import numpy as np
@@ -20,17 +18,10 @@ Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Aligned:
-    """The right photograph in the frame of the left picture."""
-
-    rgba: Pixels  # (h, w, 4), transparent where the right photograph shows nothing
-
-
 def by_homography(
     right: Pixels, homography: Array | Failed, scales: tuple[Array, Array], size: tuple[int, int]
-) -> Aligned | Failed:
-    """Aligned on the plane of the pair's homography; what lies off that plane is displaced.
+) -> Pixels | Failed:
+    """(h, w, 4) RGBA of `size`, aligned on the plane of the pair's homography; what lies off that plane is displaced.
 
     right: (h, w, 3) the picture of the right photograph. homography: (3, 3) p_right ~ H p_left, photograph px. scales:
     (2,) picture px per photograph px, of either side. size: (width, height) of the left picture.
@@ -40,12 +31,12 @@ def by_homography(
     left_scale, right_scale = (np.diag([*scale, 1.0]) for scale in scales)
     matrix = geometry.for_opencv(right_scale @ homography @ np.linalg.inv(left_scale))
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return Aligned(np.asarray(cv2.warpPerspective(_opaque(right), matrix, size, flags=how), np.uint8))
+    return np.asarray(cv2.warpPerspective(_opaque(right), matrix, size, flags=how), np.uint8)
 
 
 def by_points(
     right: Pixels, points: PointMatches, scales: tuple[Array, Array], size: tuple[int, int]
-) -> Aligned | Failed:
+) -> Pixels | Failed:
     """Aligned on the homologous points and, in the triangles between them, in proportion; for any scene.
 
     Points that move unlike their neighbours are left out. Arguments are those of `by_homography`. `Failed` with fewer
@@ -70,7 +61,7 @@ def by_points(
     within = np.zeros((height, width), np.uint8)
     cv2.fillConvexPoly(within, np.rint(cv2.convexHull(left.astype(np.float32))).astype(np.int32), 255)
     rgba[within == 0] = 0
-    return Aligned(rgba)
+    return rgba
 
 
 def _alike(left: Array, there: Array, most: float) -> NDArray[np.bool_]:

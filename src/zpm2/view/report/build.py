@@ -69,7 +69,7 @@ def _page(result: PairResult, document: Members, config: RasterConfig, words: Wo
         "homography": alignment.by_homography(shown[1], result.homography, scales, sizes[0]),
     }
     pictures = [{"name": name, "url": _url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
-    pictures += [{"name": how, "url": _url(made.rgba)} for how, made in aligned.items() if not isinstance(made, Failed)]
+    pictures += [{"name": how, "url": _url(made)} for how, made in aligned.items() if not isinstance(made, Failed)]
     sharpest = [np.ones(2) if count else scale for count, scale in zip(counts, scales, strict=True)]
     data = content.pair(result, (sharpest[0], sharpest[1]), words) | {
         "tiles": [{"folder": TILES, "side": tiles.SIDE, "levels": count} if count else None for count in counts],

@@ -1,11 +1,5 @@
 // Plane geometry of the page: points [x, y], matrices as three rows, boxes [x0, y0, x1, y1].
 
-/** Where a homography takes a point. */
-export function project(matrix, [x, y]) {
-  const [u, v, w] = multiply(matrix, [x, y, 1]);
-  return [u / w, v / w];
-}
-
 /** A 3 x 3 matrix times a vector. For the epipolar line [a, b, c], a x + b y + c = 0, of a homogeneous point. */
 export function multiply(matrix, vector) {
   return matrix.map((row) => row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2]);

@@ -81,7 +81,7 @@ const KINDS = { match: 0, left: 1, right: 2 };
 
 /** The items by a column; those without a value come last, equal ones by kind and id. By id, matches come first. */
 export function sorted(items, column, down) {
-  const value = (item) => (column === "stage" ? (item.stage ?? item.why) : column === "verdict" ? item.verdict : item[column]);
+  const value = (item) => (column === "stage" ? (item.stage ?? item.why) : item[column]);
   const sign = down ? -1 : 1;
   return [...items].sort((a, b) => {
     if (column === "id") return KINDS[a.kind] - KINDS[b.kind] || sign * (a.id - b.id);

@@ -77,6 +77,12 @@ class Report {
   adopt(state) {
     const before = this.state;
     this.state = state;
+    if (state !== before && Object.keys(state).every((name) => name === "select" || state[name] === before[name])) {
+      this.table.reveal(state.select); // nothing else to do for another choice, which keeps thousands of rows quick
+      this.detail();
+      this.marks();
+      return;
+    }
     document.documentElement.dataset.theme = state.theme;
     document.body.dataset.mode = state.mode;
     for (const element of document.querySelectorAll("[data-state]")) {
