@@ -121,7 +121,8 @@ export class Panel {
   }
 
   context(canvas) {
-    const context = canvas.getContext("2d");
+    // The browser then paints without a GPU, which takes seconds for thousands of paths where it is emulated.
+    const context = canvas.getContext("2d", { willReadFrequently: canvas === this.shapes });
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, canvas.width, canvas.height);
     return context;
