@@ -204,7 +204,7 @@ def test_an_earlier_result_survives_a_failed_write(
     monkeypatch.setattr(os, "replace", full)
     check_refused(run(*common, "--seed", 7), "the disk is full")
     assert {p: p.read_bytes() for p in tmp_path.glob("*.*") if p.is_file()} == earlier
-    assert len(earlier) == 5
+    assert len(earlier) == 6
 
 
 def modes(rgb: Any) -> dict[str, PIL.Image.Image]:

@@ -140,6 +140,10 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
             assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
     if "out/left.geojson" in words:
         assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
+    if words[0] == "view" and words[1] == "out":
+        assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
+    if words[0] == "view" and words[1] == "scores":
+        assert run("eval", "pairs", "--root", "data", "-o", "scores", *QUICK).code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:

@@ -13,7 +13,7 @@ from zpm2.config import assign, preset
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
-MATCH = ["matches.json", "left.geojson", "right.geojson", "overlay.png", "unmatched.png"]
+MATCH = ["matches.json", "left.geojson", "right.geojson", "overlay.png", "unmatched.png", "report.html"]
 SHAPES = [f"{side}{suffix}" for side in ("left", "right") for suffix in (".shp", ".shx", ".dbf", ".cpg", ".qix")]
 FORMATS = [*SHAPES, "matches.gpkg", "matches.gpkg-wal", "left.coco.json", "right.coco.json"]
 CLOUD = [

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from zpm2.config import RasterConfig, recorded
 from zpm2.errors import Failed, InputError
 from zpm2.files.reading import WRONG
+from zpm2.files.writing import claim
 from zpm2.formats import gis, saving
 from zpm2.formats.convert import Converter, Layout, Members
 from zpm2.formats.document import LAYOUTS
@@ -30,6 +31,7 @@ from zpm2.model.messages import split
 from zpm2.photos import reopen
 from zpm2.runtime import package_version
 from zpm2.view import pictures
+from zpm2.view import report as page
 
 SCHEMA = "zpm2-matches/1"
 ESTIMATES = {"fundamental": "fundamental matrix", "homography": "homography"}
@@ -152,18 +154,24 @@ class MatchResult:
         picture = base64.b64encode(cv2.imencode(".jpg", pixels)[1].tobytes()).decode()
         return f'{line}<img alt="matched polygons" style="max-width: 100%" src="data:image/jpeg;base64,{picture}">'
 
-    def save(self, directory: str | Path, formats: Sequence[str] = ()) -> Path:
+    def report(self) -> str:
+        """The page `report.html`: both photographs with their polygons to look at, filter and judge, as the HTML of one
+        file that needs no network. `InputError` as from `plot`."""
+        return page.report(self, self.to_dict(), self._raster())
+
+    def save(self, directory: str | Path, formats: Sequence[str] = (), report: bool = False) -> Path:
         """Write matches.json, left.geojson, right.geojson, overlay.png and unmatched.png into a folder; returns it.
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
-        "coco" (left.coco.json, right.coco.json), and any other of `formats.registry`. Each file appears whole or not at
-        all, and matches.json comes last: where it is, the others are. Files of an earlier result are replaced, others
-        never. `OutputError` if the folder cannot be written or holds other files of these names, `ConfigError` for an
-        unknown format, `MissingDependency` for one without its package, and `InputError` as from `plot`.
+        "coco" (left.coco.json, right.coco.json), and any other of `formats.registry`; `report` asks for report.html.
+        Each file appears whole or not at all, and matches.json comes last: where it is, the others are. Files of an
+        earlier result are replaced, others never. `OutputError` if the folder cannot be written or holds other files of
+        these names, `ConfigError` for an unknown format, `MissingDependency` for one without its package, and
+        `InputError` as from `plot`.
         """
         shown = pictures.all_pictures(self, self._raster(), PICTURE_WIDTH, SHEET_MATCHES)
-        return saving.save(self, directory, formats, shown)
+        return saving.save(self, directory, formats, shown, self._report if report else None)
 
     @staticmethod
     def load(path: str | Path) -> "MatchResult":
@@ -181,6 +189,9 @@ class MatchResult:
         left, right = (PolygonArrays([pair[k] for pair in pairs]) for k in range(2))
         return pair_maps(left, right, self.points, self.homography, recorded(self.config).local_match)
 
+    def _report(self, document: Members) -> saving.Files:
+        return page.files(self, document, self._raster())
+
     def _raster(self) -> RasterConfig:
         """How the run read its photographs."""
         return recorded(self.config).raster
@@ -193,6 +204,15 @@ def read_result(path: str | Path) -> tuple[MatchResult, Members]:
         return _CONVERTER.from_plain(MatchResult, document), document
     except WRONG as error:
         raise saving.incomplete(file, error) from error
+
+
+def save_report(directory: str | Path) -> Path:
+    """Writes report.html into the folder of a saved result that lacks it; returns its path. `InputError` where there is
+    no such result or a photograph is no longer where it was, `OutputError` where the folder cannot be written into."""
+    result, document = read_result(directory)
+    folder = claim(directory, [saving.REPORT, saving.TILES])
+    saving.write_report(folder, result._report(document))
+    return folder / saving.REPORT
 
 
 def _fold(result: MatchResult, members: Members) -> Members:

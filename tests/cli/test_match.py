@@ -21,7 +21,7 @@ from zpm2.cli import app
 from zpm2.polygons.rasterize import rasterize
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
-FILES = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
+FILES = ["left.geojson", "matches.json", "overlay.png", "report.html", "right.geojson", "unmatched.png"]
 STAGES = ["read", "load", "points", "detect", "global", "local", "verify"]
 
 
@@ -42,7 +42,7 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_five_files(saved: Path) -> None:
+def test_all_files(saved: Path) -> None:
     assert sorted(p.name for p in saved.iterdir()) == [".zpm2", *FILES]
     with PIL.Image.open(saved / "overlay.png") as picture:
         picture.load()
@@ -251,6 +251,8 @@ def test_same_seed_same_bytes(run: Run, pair: Pair, tmp_path: Path) -> None:
         first, second = ((tmp_path / name / file).read_bytes() for name in "ab")
         if file == "matches.json":
             first, second = (json.dumps({**json.loads(b), "timings": 0}).encode() for b in (first, second))
+        if file == "report.html":
+            first, second = (re.sub(rb'id="timings">.*?<', b"", b) for b in (first, second))
         assert first == second
 
 
@@ -270,7 +272,7 @@ def test_demo_scores_itself_and_says_what_next(run: Run, quick_demo: list[str], 
         [".zpm2", *FILES, *(f"{side}{kind}.png" for side in ("left", "right") for kind in ("", "_labels"))]
     )
     assert "Against the exact depth" in out
-    assert f"Open {tmp_path / 'overlay.png'}" in out
+    assert f"Open {tmp_path / 'report.html'}" in out
     assert "zpm2 match left.png right.png -o out" in out
 
 

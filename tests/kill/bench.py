@@ -11,6 +11,7 @@ import io
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -190,7 +191,11 @@ def _parquet(content: bytes) -> Any:
     return {name: table[name].to_pylist() for name in table.column_names if not _is_cost(name)}
 
 
-_TIMELESS = {".json": _json, ".csv": _csv, ".md": _markdown, ".parquet": _parquet}
+def _html(content: bytes) -> Any:
+    return re.sub(rb'(?<=id="timings">).*?(?=</script>)', b"", content)
+
+
+_TIMELESS = {".json": _json, ".html": _html, ".csv": _csv, ".md": _markdown, ".parquet": _parquet}
 
 
 def _files(folder: Path) -> set[str]:

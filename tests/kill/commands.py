@@ -19,6 +19,7 @@ import towns  # noqa: E402
 from rendered import Pair, save_pair  # noqa: E402
 
 READ_ONLY = ("doctor", "config list", "config show", "weights list", "models", "bench")
+READ_ONLY += ("view",)  # one missing page at most
 POINTS = ("--set", "points.methods=sift", "--device", "cpu")  # no network for points
 FEW = ("--set", "segment.grid=8")  # prompts
 

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.carry.outcome import Outcome
+from zpm2.carry.report import report_files
 from zpm2.config import RasterConfig
 from zpm2.files.photo_paths import absolute, photo_reference
 from zpm2.files.writing import atomic_write, claim
@@ -21,6 +22,7 @@ from zpm2.formats.regions.outlines import parts_of, rings_of
 from zpm2.formats.regions.region import CarriedRegion, GivenRegion, RegionFile, Shape
 from zpm2.formats.regions.registry import write_regions, written_names
 from zpm2.formats.regions.shifts import Shift, has_shifts, write_shifts
+from zpm2.formats.saving import REPORT, TILES, Files, write_report
 from zpm2.model import Georeference, ImagePolygons, Polygon, PolygonMatch
 from zpm2.model.brief import brief
 from zpm2.photos.geolocation import meters_between, world_of
@@ -80,10 +82,10 @@ class CarryResult:
         """Both photographs with the regions in one colour each. `InputError` where one cannot be read again."""
         return PIL.Image.fromarray(self._overlay(max_width))
 
-    def save(self, directory: str | Path) -> Path:
-        """Writes `regions.<ending of what was given>`, `carry.json`, `overlay.png`, and of two georeferenced
-        photographs `shifts.geojson`, into a folder, which is made; returns it. `carry.json` comes last.
-        `OutputError`."""
+    def save(self, directory: str | Path, report: bool = False) -> Path:
+        """Writes `regions.<ending of what was given>`, `carry.json`, `overlay.png`, of two georeferenced photographs
+        `shifts.geojson`, and if asked for `report.html`, into a folder, which is made; returns it. `carry.json` comes
+        last. `OutputError`."""
         photographs = [side.path for side in (self.left, self.right) if side.path is not None]
         folder = claim(directory, file_names(self.file), photographs)
         notes = list(self.notes)
@@ -95,6 +97,7 @@ class CarryResult:
         document = self.to_dict() | {"notes": notes}
         for side in ("left", "right"):
             document[side] |= photo_reference(document[side]["path"], folder)
+        write_report(folder, self._report(document) if report else ())
         atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
         return folder
 
@@ -123,6 +126,10 @@ class CarryResult:
             "warnings": list(self.warnings),
             "notes": list(self.notes),
         }
+
+    def _report(self, document: Members) -> Files:
+        left, right = (ImagePolygons(s.width, s.height, [], s.path, geo=s.geo) for s in (self.left, self.right))
+        return report_files((left, right), self.regions, self.shapes, self.outcomes, document)
 
     def _shifts(self) -> list[Shift]:
         meters = self._meters_per_px()
@@ -164,7 +171,7 @@ class CarryResult:
 
 def file_names(file: RegionFile | None) -> list[str]:
     """The names of all files that `CarryResult.save` may write for regions of that file."""
-    return [*(written_names(file) if file is not None else ()), PICTURE, SHIFTS, DOCUMENT]
+    return [*(written_names(file) if file is not None else ()), PICTURE, SHIFTS, REPORT, TILES, DOCUMENT]
 
 
 def _attributes(outcome: Outcome) -> dict[str, object]:

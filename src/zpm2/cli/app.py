@@ -10,7 +10,22 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 import typer
 from typer.core import TyperGroup
 
-from zpm2.cli import bench, carry, cloud, config, demo, doctor, link, match, models, pose, reconstruct, tracks, weights
+from zpm2.cli import (
+    bench,
+    carry,
+    cloud,
+    config,
+    demo,
+    doctor,
+    link,
+    match,
+    models,
+    pose,
+    reconstruct,
+    tracks,
+    view,
+    weights,
+)
 from zpm2.cli import eval as evaluation
 from zpm2.cli.console import Interrupted, terminable, warn
 from zpm2.cli.options import Command
@@ -31,6 +46,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "pose": pose.pose,
     "reconstruct": reconstruct.reconstruct,
     "cloud": cloud.cloud,
+    "view": view.view,
     "eval": evaluation.evaluate,
     "config": config.app,
     "models": models.models,

@@ -74,6 +74,10 @@ def carry(
             autocompletion=one_of(point_matchers),
         ),
     ] = None,
+    page: Annotated[
+        bool,
+        typer.Option("--report/--no-report", help="Write report.html, a page to look at the regions (zpm2 view)."),
+    ] = True,
     bands: Bands = None,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -89,8 +93,9 @@ def carry(
     """Find given regions of one photograph in others.
 
     For each right photograph a folder of its name gets the regions in the format they came in, with the same ids,
-    labels and attributes, carry.json with status, confidence and reason of each, and overlay.png; of georeferenced
-    photographs also the shift of each region. With --masks, a folder masks has those of all photographs.
+    labels and attributes, carry.json with status, confidence and reason of each, report.html (open it in a browser, or
+    zpm2 view) and overlay.png; of georeferenced photographs also the shift of each region. With --masks,
+    a folder masks has those of all photographs.
     """
     from zpm2 import api
     from zpm2.carry import opened_regions
@@ -126,7 +131,7 @@ def carry(
         found = []
         for folder, right in zip(folders, rights, strict=True):
             result = matcher.carry(left, right, file, rigid=rigid)
-            result.save(make_folder(out / folder))
+            result.save(make_folder(out / folder), report=page)
             found.append((folder, result))
         told = list[str]()
         if masks:

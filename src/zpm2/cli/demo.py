@@ -49,7 +49,7 @@ def demo(
         left, right = rendered.save_scene(scene, out)
         progress("render", 1.0)
         result = api.Matcher(config, progress=progress, say=say)(left, right)
-        result.save(out)
+        result.save(out, report=True)
     truth = rendered.score_on_disparity(result.left.polygons, result.right.polygons, result.matches, scene.disparity)
     report(result, out, quiet, as_json, {"good": truth.good, "scored": truth.scored, "coverage": truth.coverage})
     if not (quiet or as_json):
@@ -57,4 +57,4 @@ def demo(
             f"Against the exact depth: {truth.good} of {truth.scored} matches right (IoU >= 0.5), "
             f"{truth.coverage:.0%} of the area that both cameras see is covered."
         )
-        print(f"Open {out / 'overlay.png'}, then try your own pair: zpm2 match left.png right.png -o out")
+        print(f"Open {out / 'report.html'} in a browser, then try your own pair: zpm2 match left.png right.png -o out")

@@ -72,6 +72,14 @@ def match(
     ] = False,
     masks: Masks = None,
     mask_regions: MaskRegions = "keep",
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--report/--no-report",
+            help="Write report.html, a page to look at the matches (zpm2 view).",
+            rich_help_panel=RESULT,
+        ),
+    ] = True,
     preset: Preset = "default",
     quality: Annotated[
         str | None,
@@ -154,9 +162,10 @@ def match(
 ) -> None:
     """Match the polygons of two photographs.
 
-    Writes matches.json, left.geojson, right.geojson, overlay.png and unmatched.png; matches.gpkg for georeferenced
-    photographs; contact.png for large ones; with --masks, masks of the matched regions. If a run over large photographs
-    was interrupted, start the same command again: it continues where it stopped.
+    Writes matches.json, report.html (open it in a browser, or zpm2 view), left.geojson, right.geojson, overlay.png and
+    unmatched.png; matches.gpkg for georeferenced photographs; contact.png for large ones; with --masks, masks of the
+    matched regions. If a run over large photographs was interrupted, start the same command again: it continues where
+    it stopped.
     """
     from zpm2 import api
     from zpm2.files.record import TILES, remove_own
@@ -202,7 +211,7 @@ def match(
             inside = [RegionMask(side, [polygon.shape for polygon in matched]) for side, matched in sides]
             told = write_masks(out / FOLDER, masks, inside, keep)
             result = replace(result, warnings=[*result.warnings, *told])
-        result.save(out, formats or [])
+        result.save(out, formats or [], report=page)
         remove_own(out / TILES)
     report(result, out, quiet, as_json)
 

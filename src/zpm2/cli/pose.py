@@ -145,7 +145,7 @@ def pose(
             centers=CENTERS[centers],
             baseline=baseline,
             matches=matches,
-            matched=lambda result: result.save(out),
+            matched=lambda result: result.save(out, report=True),
             progress=progress,
             say=say,
         )

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError
 from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
+from zpm2.files.record import make_folder, remove_own
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import registry
 from zpm2.formats.convert import Members
@@ -20,21 +21,29 @@ from zpm2.photos.pictures import png
 
 DOCUMENT = "matches.json"
 PICTURES = ("overlay.png", "unmatched.png", "contact.png")
+REPORT = "report.html"
+TILES = "report_files"  # the folder of what a report of large photographs loads
+Files = Iterable[tuple[str, str | bytes]]  # name in the folder, content
 
 
 def file_names(formats: Sequence[str] = ()) -> list[str]:
     """The names of all files that `save` may write."""
     written = [each for each in registry.known() if each.by_default is not None]
     written += [each for each in map(registry.FORMATS.get, formats) if each not in written]
-    return [*(name for each in written for name in each.files), *PICTURES, DOCUMENT]
+    return [*(name for each in written for name in each.files), *PICTURES, REPORT, TILES, DOCUMENT]
 
 
 def save(
-    result: PairResult, directory: str | Path, formats: Sequence[str], pictures: Mapping[str, NDArray[np.uint8]]
+    result: PairResult,
+    directory: str | Path,
+    formats: Sequence[str],
+    pictures: Mapping[str, NDArray[np.uint8]],
+    report: Callable[[Members], Files] | None = None,
 ) -> Path:
     """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
 
-    `MatchResult.save` describes the files. The document is written last: where it exists, the folder is complete.
+    report: makes the page and its files from the document; None for no page. `MatchResult.save` describes the files.
+    The document is written last: where it exists, the folder is complete.
     """
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
@@ -47,8 +56,22 @@ def save(
     document = result.to_dict()
     for side in SIDES:
         document[side] |= photo_reference(document[side]["path"], folder)
+    write_report(folder, report(document) if report else ())
     atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder
+
+
+def write_report(folder: Path, files: Files) -> None:
+    """Writes the page of a result and the files that it loads, and removes those of an earlier result."""
+    written = set[Path]()
+    for name, content in files:
+        if name.startswith(f"{TILES}/") and not written:
+            make_folder(folder / TILES)
+        written.add(atomic_write(folder / name, content))
+    for path in sorted({folder / REPORT, *(folder / TILES).glob("*.jpg")} - written):
+        remove_own(path)
+    if (folder / TILES).is_dir() and not any((folder / TILES).iterdir()):
+        (folder / TILES).rmdir()
 
 
 def read_document(path: str | Path, schema: str) -> tuple[Path, Members]:

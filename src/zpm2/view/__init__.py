@@ -1,4 +1,4 @@
-"""Results as pictures."""
+"""Results as pictures, and as a page (`view.report`)."""
 
 from zpm2.view.overlay import overlay, unmatched
 

@@ -1,0 +1,67 @@
+"""A page from a template, a style sheet and ES modules, put into one HTML file that needs nothing else.
+
+The modules import each other as `#report/NAME.js`. Node finds these by the folder's package.json, a browser by the
+import map of the page, which holds the modules themselves as data URLs: no bundler is needed, and pages opened from
+disk work.
+"""
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib import resources
+
+import jinja2
+
+PAGE = resources.files("zpm2.view.report").joinpath("page")
+PREFIX = "#report/"
+
+
+def render(template: str, main: str, data: Mapping[str, object], **values: object) -> str:
+    """The HTML of a template of the folder `page`.
+
+    main: the module that starts. data: for the page's script, as JSON. values: for the template.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_text),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    imports = json.dumps({"imports": {PREFIX + name: _url(name) for name in _modules()}})
+    start = f'import "{PREFIX}{main}";'
+    return environment.get_template(template).render(
+        style=_text("report.css"),
+        imports=imports,
+        start=start,
+        hashes=" ".join(f"'sha256-{_sha256(script)}'" for script in (imports, start)),
+        data=in_script(data),
+        **values,
+    )
+
+
+def in_script(value: object) -> str:
+    """JSON for the inside of a `script` element: no text in it can end the element or open another one."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def data_url(kind: str, content: bytes) -> str:
+    """A file as an address."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _modules() -> list[str]:
+    return sorted(each.name for each in PAGE.iterdir() if each.name.endswith(".js"))
+
+
+def _text(name: str) -> str:
+    return PAGE.joinpath(name).read_text(encoding="utf-8")
+
+
+def _url(name: str) -> str:
+    return data_url("text/javascript", _text(name).encode())
+
+
+def _sha256(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -1,0 +1,77 @@
+// Mouse, pen and fingers on the photographs: point, choose, drag, pinch, wheel, and the curtain's edge.
+
+const STILL = 4; // px that a click may move
+
+export function pointers(report) {
+  report.panels.forEach((panel, side) => listen(report, panel, side));
+}
+
+function listen(report, panel, side) {
+  const { element } = panel;
+  const down = new Map(); // pointer id -> place
+  let moved = 0;
+  let edge = false;
+  const place = (event) => {
+    const box = element.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const hover = (at) => {
+    const point = panel.toPhoto(at);
+    const cursor = panel.holds(point) ? { side, point } : null;
+    report.hover(cursor && panel.pick(point)?.item, cursor);
+    element.classList.toggle("edge", panel.atEdge(at));
+  };
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    element.setPointerCapture(event.pointerId);
+    down.set(event.pointerId, place(event));
+    edge = down.size === 1 && panel.atEdge(place(event));
+    moved = 0;
+  });
+  element.addEventListener("pointermove", (event) => {
+    const at = place(event);
+    const before = down.get(event.pointerId);
+    if (!before) {
+      hover(at);
+      return;
+    }
+    const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
+    moved += Math.hypot(dx, dy);
+    down.set(event.pointerId, at);
+    if (edge) panel.edge = Math.max(0.01, Math.min(0.99, at[0] / panel.width));
+    else if (down.size === 2) pinch(event.pointerId, before, at);
+    else if (moved > STILL) {
+      panel.pan(dx, dy);
+      element.classList.add("grab");
+    }
+    report.follow(panel);
+  });
+  const pinch = (id, before, at) => {
+    const other = [...down].find(([key]) => key !== id)[1];
+    const length = (point) => Math.max(1, Math.hypot(point[0] - other[0], point[1] - other[1]));
+    panel.zoomAt(other, length(at) / length(before));
+  };
+  const up = (event) => {
+    if (!down.delete(event.pointerId)) return;
+    element.classList.remove("grab");
+    if (event.type === "pointerup" && moved <= STILL && !edge) {
+      const point = panel.toPhoto(place(event));
+      report.choose(panel.pick(point)?.item ?? null);
+    }
+    edge = false;
+  };
+  element.addEventListener("pointerup", up);
+  element.addEventListener("pointercancel", up);
+  element.addEventListener("pointerleave", () => report.hover(null));
+  element.addEventListener("dblclick", () => report.zoomTo(report.chosen));
+  element.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      const lines = event.deltaMode === 1 ? 20 : 1;
+      report.zoom(panel, place(event), Math.exp(-0.0015 * lines * event.deltaY));
+      hover(place(event));
+    },
+    { passive: false },
+  );
+}
