@@ -13,7 +13,7 @@ from zpm2.config import OPTIONS
 from zpm2.errors import ConfigError
 
 COMMAND_ONLY = {"out", "formats", "config_file", "settings", "weights_dir", "allowed", "quiet", "as_json"}
-COMMAND_ONLY |= {"masks", "mask_regions"}  # files; formats.masks.write_masks
+COMMAND_ONLY |= {"masks", "mask_regions", "page"}  # files: formats.masks.write_masks, MatchResult.report
 PYTHON_ONLY = {"config", "kept", "progress", "say"}
 
 
