@@ -19,8 +19,10 @@ from zpm2.cli.options import (
     Masks,
     MaxMemory,
     Out,
+    Points,
     Preset,
     Quiet,
+    Report,
     Seed,
     Settings,
     WeightsDir,
@@ -28,7 +30,6 @@ from zpm2.cli.options import (
     check_masks,
     configure,
     one_of,
-    point_matchers,
     registered_segmenters,
     use_weights,
 )
@@ -66,18 +67,8 @@ def carry(
             autocompletion=one_of(registered_segmenters),
         ),
     ] = None,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="One or several point matchers, for example xfeat,sift (docs/points.md).  [default: preset's]",
-            rich_help_panel=METHOD,
-            autocompletion=one_of(point_matchers),
-        ),
-    ] = None,
-    page: Annotated[
-        bool,
-        typer.Option("--report/--no-report", help="Write report.html, a page to look at the regions (zpm2 view)."),
-    ] = True,
+    points: Points = None,
+    page: Report = True,
     bands: Bands = None,
     allowed: AllowVrt = None,
     preset: Preset = "default",
@@ -94,8 +85,8 @@ def carry(
 
     For each right photograph a folder of its name gets the regions in the format they came in, with the same ids,
     labels and attributes, carry.json with status, confidence and reason of each, report.html (open it in a browser, or
-    zpm2 view) and overlay.png; of georeferenced photographs also the shift of each region. With --masks,
-    a folder masks has those of all photographs.
+    zpm2 view) and overlay.png; of georeferenced photographs also the shift of each region. With --masks, a folder masks
+    has those of all photographs.
     """
     from zpm2 import api
     from zpm2.carry import opened_regions

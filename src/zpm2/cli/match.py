@@ -26,8 +26,10 @@ from zpm2.cli.options import (
     Method,
     NonOverlapping,
     Out,
+    Points,
     Preset,
     Quiet,
+    Report,
     Seed,
     Settings,
     WeightsDir,
@@ -38,7 +40,6 @@ from zpm2.cli.options import (
     configure,
     known_formats,
     one_of,
-    point_matchers,
     segmenters,
     use_weights,
 )
@@ -72,14 +73,7 @@ def match(
     ] = False,
     masks: Masks = None,
     mask_regions: MaskRegions = "keep",
-    page: Annotated[
-        bool,
-        typer.Option(
-            "--report/--no-report",
-            help="Write report.html, a page to look at the matches (zpm2 view).",
-            rich_help_panel=RESULT,
-        ),
-    ] = True,
+    page: Report = True,
     preset: Preset = "default",
     quality: Annotated[
         str | None,
@@ -107,15 +101,7 @@ def match(
             autocompletion=one_of(segmenters),
         ),
     ] = None,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="One or several point matchers, for example xfeat,sift (docs/points.md); also package.module:Class.  "
-            "[default: preset's]",
-            rich_help_panel=METHOD,
-            autocompletion=one_of(point_matchers),
-        ),
-    ] = None,
+    points: Points = None,
     method: Method = "zpm2",
     config_file: ConfigFile = None,
     settings: Settings = None,

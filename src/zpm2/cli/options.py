@@ -200,6 +200,15 @@ Preset = Annotated[
         autocompletion=one_of(presets),
     ),
 ]
+Points = Annotated[
+    str | None,
+    typer.Option(
+        help="One or several point matchers, for example xfeat,sift (docs/points.md); also package.module:Class.  "
+        "[default: preset's]",
+        rich_help_panel=METHOD,
+        autocompletion=one_of(point_matchers),
+    ),
+]
 Method = Annotated[
     str,
     typer.Option(
@@ -283,6 +292,14 @@ MaskRegions = Annotated[
         help="What the masks say of the regions: keep (all else is ignored) or remove (the regions are ignored).",
         rich_help_panel=RESULT,
         autocompletion=one_of(lambda: ("keep", "remove")),
+    ),
+]
+Report = Annotated[
+    bool,
+    typer.Option(
+        "--report/--no-report",
+        help="Write report.html, a page to look at the result (zpm2 view).",
+        rich_help_panel=RESULT,
     ),
 ]
 Quiet = Annotated[

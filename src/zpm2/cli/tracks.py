@@ -20,6 +20,7 @@ from zpm2.cli.options import (
     Masks,
     MaxMemory,
     Out,
+    Points,
     Preset,
     Quiet,
     Seed,
@@ -29,7 +30,6 @@ from zpm2.cli.options import (
     check_masks,
     configure,
     one_of,
-    point_matchers,
     registered_segmenters,
     use_weights,
 )
@@ -65,14 +65,7 @@ def tracks(
             autocompletion=one_of(registered_segmenters),
         ),
     ] = None,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="One or several point matchers, for example xfeat,sift (docs/points.md).  [default: preset's]",
-            rich_help_panel=METHOD,
-            autocompletion=one_of(point_matchers),
-        ),
-    ] = None,
+    points: Points = None,
     bands: Bands = None,
     allowed: AllowVrt = None,
     preset: Preset = "default",
