@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from zpm2 import config
 from zpm2.carry import pair
 from zpm2.carry.places import places
-from zpm2.carry.views import EncodedOnce, LastViews
 from zpm2.evaluate import ground_truth
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import DepthTruth, DisparityTruth, EvalPair, PoseTruth
@@ -32,11 +31,13 @@ from zpm2.formats.maps import read_disparity, read_map
 from zpm2.global_match import initial_geometry
 from zpm2.model import Image
 from zpm2.photos.images import read_image
+from zpm2.photos.kept import KeptPhotos
 from zpm2.polygons.rasterize import rasterize_stack
 from zpm2.result import MatchResult
 from zpm2.segment.predictions import CORNER, OTHER_CORNER, MaskThresholds, Prompts
 from zpm2.segment.registry import create
 from zpm2.segment.suppression import boxes
+from zpm2.segment.view_of import view_of
 
 SIZES = (200, 500, 2000, 10000)  # px^2
 SEEN = 0.3  # of a region, from which on the right photograph shows it
@@ -59,10 +60,12 @@ def regions_of(
     names = [str(polygon.id) for polygon in drawn]
     initial = initial_geometry(result.points, settings.global_match, settings.seed)
     start = process_time()
-    found = pair.carry(images, shapes, names, initial, segmenter, settings)
+    kept = KeptPhotos(2)
+    images = kept.same(images[0]), kept.same(images[1])
+    found = pair.carry(images, shapes, names, initial, segmenter, settings, kept)
     seconds = (process_time() - start) / max(len(shapes), 1)
     place = places(shapes, initial, settings.carry, settings.local_match)
-    view = segmenter.view(images[1])
+    view = view_of(segmenter, images[1], kept)
     size = images[1].width, images[1].height
     boxed = _boxed(view, view.cover(place.shapes), size)
     known = _known(each.truth, images[0])
@@ -162,7 +165,7 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=10_000, help="regions of a pair")
     options = parser.parse_args()
     settings = config.preset("default")
-    segmenter = EncodedOnce(create(settings.segment, "cpu"), LastViews())
+    segmenter = create(settings.segment, "cpu")
     rows: list[dict[str, Any]] = []
     pairs = []
     for each in open_dataset("pairs", options.root).pairs():
