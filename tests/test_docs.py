@@ -126,6 +126,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
     words = shlex.split(command, comments=True)[1:]
     if words[0] in ("match", "eval", "pose", "cloud", "bench", "tracks"):
         words += QUICK
+    if "--tiles" in words:
+        words += ["--set", "tiles.size=400"]  # fewer ones
     if words[0] == "tracks":
         words += ["--set", "tracks.window=1", "--set", "tracks.extend=false"]
     if "vismatch" in words and "ZPM2_VISMATCH_PYTHON" not in os.environ:

@@ -12,11 +12,12 @@ from unittest import mock
 
 import numpy as np
 from mutate import SIZE
-from samples import Files, Reader, only
+from samples import Files, Reader, encoded, only, pixels
 
 from zpm2.carry.result import Side
 from zpm2.config import Config
 from zpm2.evaluate import predicted_regions, predictions
+from zpm2.evaluate.overview import save_overview
 from zpm2.evaluate.pairs import EvalPair
 from zpm2.evaluate.speed import SCHEMA, PairSpeed, Speed
 from zpm2.files import record, writing
@@ -87,6 +88,11 @@ def _results() -> list[Reader]:
         "predictions/pair/pose.json": json.dumps(pose).encode(),
         "predictions/pair/memory.json": b'{"peak_mb": 100}',
     }
+    below = {
+        "rows.csv": b"pair,F1,good\na,0.5,3\n",
+        "predictions/a/matches.json": written,
+        "predictions/a/overlay.png": encoded("PNG", pixels()),
+    }
     return [
         Reader("result", ({"matches.json": written},), lambda folder: MatchResult.load(folder)),
         Reader("predictions", (kept, {"predictions/pair/failed.json": b'{"reason": "why"}', **kept}), predicted),
@@ -95,6 +101,9 @@ def _results() -> list[Reader]:
             "report of a bench", ({"a.json": json.dumps(_bench()).encode()},), lambda folder: Speed.load(only(folder))
         ),
         Reader("cameras of Nerfstudio", ({"transforms.json": NERFSTUDIO},), _masks),
+        Reader(
+            "results below a folder", (below, {"a/failed.json": b'{"reason": "why"}'}), lambda f: save_overview(f, 0)
+        ),
         Reader("tile", ({"a.json.gz": gzip.compress(json.dumps(tile).encode())},), _tile),
     ]
 

@@ -25,6 +25,8 @@ LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
     "files/reading.py: unpack_gzip": "bytes",
     "cloud/page.py: page": "the package's own template",
+    "view/report/assets.py: _text": "the package's own files",
+    "cli/view.py: view": "the browser",
     "files/keys.py: _code_in": "the source of the package and of plug-ins",
     "contract/formats.py": "what a format has just written",
     "features/vismatch_worker.py": "a pipe",

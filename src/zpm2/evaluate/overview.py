@@ -77,11 +77,14 @@ def _name(place: Path, top: Path, folder: Path) -> str:
 
 
 def _scores(file: Path) -> Mapping[str, Mapping[str, str]]:
-    """The rows of rows.csv by pair."""
+    """The rows of rows.csv by pair; `InputError` where it is damaged."""
     if not file.is_file():
         return {}
-    with file.open(encoding="utf-8", newline="") as text:
-        return {row["pair"]: row for row in csv.DictReader(text) if row.get("pair")}
+    try:
+        with file.open(encoding="utf-8", newline="") as text:
+            return {row["pair"]: row for row in csv.DictReader(text) if row.get("pair")}
+    except (*WRONG, OSError, csv.Error) as error:
+        raise InputError(f"{file} cannot be read ({error}): run zpm2 eval again, or remove it") from error
 
 
 def _row(place: Path, name: str, scores: Mapping[str, Mapping[str, str]], folder: Path) -> Row:
