@@ -7,7 +7,7 @@ import shapely
 
 from zpm2 import config, geometry
 from zpm2.carry.places import Places
-from zpm2.carry.resemblance import correlations, one_plane, resemblance, trusted
+from zpm2.carry.resemblance import Resemblance, correlations, one_plane, resemblance
 from zpm2.global_match import initial_geometry
 from zpm2.model import Image, PointMatches
 
@@ -69,24 +69,43 @@ def test_without_texture_or_place_nothing_is_known():
 
 def test_other_light_is_no_doubt():
     images = photograph(LEFT), photograph(0.5 * RIGHT + 20)
-    assert resemblance(images, PLACES, pair_geometry(), CONFIG).min() > 0.9
+    assert resemblance(images, PLACES, pair_geometry(), CONFIG).values.min() > 0.9
 
 
 def test_a_pair_that_never_correlates_much_doubts_its_regions_less():
     noise = np.random.default_rng(5).normal(0, 60, (SIZE, SIZE))
     images = photograph(LEFT), photograph(RIGHT + noise)
     alone = correlations(images, PLACES, CONFIG)
-    assert np.all(resemblance(images, PLACES, pair_geometry(), CONFIG) > alone)
+    assert np.all(resemblance(images, PLACES, pair_geometry(), CONFIG).values > alone)
 
 
 def test_trust_rises_where_the_photographs_agree_and_falls_where_they_do_not():
-    trust = trusted(PLACES, np.array([np.nan, 0.5, 1.0, 0.0, 0.75, 0.25, 0.4, 0.6, 0.9]), CONFIG.carry)
+    values = np.array([np.nan, 0.5, 1.0, 0.0, 0.75, 0.25, 0.4, 0.6, 0.9])
+    trust = Resemblance(values, 1.0).trust(PLACES, CONFIG.carry)
     assert trust[:3].tolist() == [0.5, 0.5, 1.0]
     assert trust[3] == pytest.approx(0.5 * (1 - CONFIG.carry.doubt))
     assert trust[4] == pytest.approx(0.75)
     assert np.all((trust >= 0) & (trust <= 1))
     assert np.all(trust[[5, 6]] < 0.5)
     assert np.all(trust[[7, 8]] > 0.5)
+
+
+def test_photographs_that_resemble_each_other_nowhere_say_little():
+    images = photograph(LEFT), photograph(texture(1))
+    found = resemblance(images, PLACES, pair_geometry(), CONFIG)
+    assert found.power < 0.5
+    assert resemblance((photograph(LEFT), photograph(RIGHT)), PLACES, pair_geometry(), CONFIG).power == 1
+    values = np.zeros(len(CELLS))
+    told = [Resemblance(values, power).trust(PLACES, CONFIG.carry) for power in (0.0, 0.5, 1.0)]
+    assert np.all(told[0] == PLACES.trust)
+    assert np.all((told[2] < told[1]) & (told[1] < told[0]))
+
+
+def test_a_moved_outline_is_as_exact_as_the_photographs_or_else_the_points_say():
+    geometry_of_pair, values = pair_geometry(), np.where(np.arange(len(CELLS)) % 2, 0.9, 0.1)
+    clear, dark = (Resemblance(values, power).exact(PLACES, geometry_of_pair, CONFIG.carry) for power in (1.0, 0.0))
+    assert clear == pytest.approx(one_plane(geometry_of_pair) * np.where(values > 0.5, 0.9, 0.0))
+    assert dark == pytest.approx(one_plane(geometry_of_pair) * PLACES.trust)
 
 
 def test_one_plane():

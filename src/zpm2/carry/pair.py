@@ -14,7 +14,7 @@ from zpm2.carry.asking import Answers, Expectation, ask
 from zpm2.carry.likeness import Cells, cells_of, transferred
 from zpm2.carry.outcome import Outcome
 from zpm2.carry.places import Places, places
-from zpm2.carry.resemblance import one_plane, resemblance, trusted
+from zpm2.carry.resemblance import resemblance
 from zpm2.config import CarryConfig, Config
 from zpm2.formats.regions.outlines import joined
 from zpm2.formats.regions.region import Shape
@@ -63,8 +63,7 @@ def carry(
         likeness = _Likeness(other, view, shapes, config.carry)
     answers = [Answers.none(view.size)] * len(shapes)
     resembles = resemblance(images, found, initial, config)
-    trust = trusted(found, resembles, config.carry)
-    exact = np.where(resembles >= config.carry.shows, resembles * one_plane(initial), 0.0)
+    trust, exact = resembles.trust(found, config.carry), resembles.exact(found, initial, config.carry)
     for start in range(0, len(asked), ASKED):
         rows = asked[start : start + ASKED]
         expected = [_expected(view, found.shapes[k], float(trust[k]), float(exact[k]), k, likeness) for k in rows]

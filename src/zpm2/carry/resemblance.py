@@ -1,5 +1,7 @@
 """Whether both photographs show the same where the points put a region: what does is at its place, and did not move."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -14,16 +16,37 @@ Array = NDArray[np.float64]
 FLAT = 1e-12  # determinant of a map that brings a region onto a line or a point
 
 
-def resemblance(images: tuple[Image, Image], found: Places, initial: InitialGeometry, config: Config) -> Array:
-    """(n,) 0..1, how well both photographs correlate in each place, the left one moved as the points say; NaN without
-    texture or place.
+@dataclass(frozen=True, eq=False)
+class Resemblance:
+    """How alike both photographs are in places, the left one moved as the points say."""
 
-    1 is as well as they do around the points of the pair, so that other light, an oblique view or another sensor is no
-    doubt in a region.
+    values: Array  # (n,) 0..1, 1 is as well as around the points of the pair; NaN without texture or place
+    power: float  # 0..1, how much they say
+
+    def trust(self, found: Places, config: CarryConfig) -> Array:
+        """(n,) 0..1, the trust in each place, from that of the points: raised where the photographs resemble each
+        other, lowered where they do not."""
+        told = self.power * np.nan_to_num(2 * self.values - 1)  # -1..1
+        raised = found.trust + (1 - found.trust) * told
+        return np.where(told > 0, raised, found.trust * (1 + config.doubt * told))
+
+    def exact(self, found: Places, initial: InitialGeometry, config: CarryConfig) -> Array:
+        """(n,) 0..1, the IoU that is expected of a region's own outline at its place: as far as one plane explains the
+        points, and the photographs resemble each other there, or, where that says nothing, the points agree."""
+        alike = np.where(self.values >= config.shows, self.values, 0.0)
+        return np.asarray(one_plane(initial) * (self.power * alike + (1 - self.power) * found.trust))
+
+
+def resemblance(images: tuple[Image, Image], found: Places, initial: InitialGeometry, config: Config) -> Resemblance:
+    """Compares both photographs in each place with what they have around the points of the pair.
+
+    So other light, an oblique view or another sensor is no doubt in a region. Photographs that correlate little even
+    around the points, by day and by night for instance, say little.
     """
     usual = correlations(images, _around_points(initial, config), config)
     best = float(np.median(usual[~np.isnan(usual)])) if (~np.isnan(usual)).any() else 1.0
-    return np.minimum(correlations(images, found, config) / max(best, config.carry.least_usual), 1.0)
+    values = np.minimum(correlations(images, found, config) / max(best, config.carry.least_usual), 1.0)
+    return Resemblance(values, min(best / config.carry.clear, 1.0))
 
 
 def correlations(images: tuple[Image, Image], found: Places, config: Config) -> Array:
@@ -40,14 +63,6 @@ def correlations(images: tuple[Image, Image], found: Places, config: Config) -> 
     rows = np.arange(n)
     value = correlation((left, right), Candidates(rows, rows), config.carry.min_contrast)
     return np.where(known & (value != 0), np.maximum(value, 0.0), np.nan)
-
-
-def trusted(found: Places, resembles: Array, config: CarryConfig) -> Array:
-    """(n,) 0..1, the trust in each place, from that of the points: raised where the photographs resemble each other,
-    lowered where they do not."""
-    told = np.nan_to_num(2 * resembles - 1)  # -1..1
-    raised = found.trust + (1 - found.trust) * told
-    return np.where(told > 0, raised, found.trust * (1 + config.doubt * told))
 
 
 def one_plane(initial: InitialGeometry) -> float:

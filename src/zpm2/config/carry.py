@@ -54,6 +54,9 @@ class CarryConfig:
     least_usual: float = share(
         0.3, "correlation around the points, below which it is taken to be this", above=True, source="noise has less"
     )
+    clear: float = share(
+        0.6, "correlation around the points, from which on a comparison says all", above=True, source=CARRY
+    )
     doubt: float = share(
         0.8, "of the trust in a place, lost where the photographs do not resemble each other at all", source=CARRY
     )
