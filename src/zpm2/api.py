@@ -75,10 +75,7 @@ class Matcher:
         limit = memory.within(self.config.max_memory)
         with self._whole.lock, limit, opened(left, right, self.config.raster) as sources:
             tiles, said = self._by_tiles(sources)
-            if tiles:
-                return self._in_tiles(sources, said)
-            match = functools.partial(self._whole.one_of_many, kept=self._photographs)
-            return match_whole(match, sources, self.config)
+            return self._in_tiles(sources, said) if tiles else self._as_a_whole(sources, self._photographs)
 
     def match_many(
         self, pairs: Iterable[tuple[ImageLike, ImageLike]], *, at_once: int = 2, photographs: int = 8
@@ -133,10 +130,12 @@ class Matcher:
                 sizes = [(source.width, source.height) for source in sources]
                 all_of_them = at_once * estimate.whole(self.config, sizes, self._segmenter_given)
                 with self._whole.lock if all_of_them > memory.budget() else nullcontext():
-                    one = functools.partial(self._whole.one_of_many, kept=kept)
-                    return match_whole(one, sources, self.config)
+                    return self._as_a_whole(sources, kept)
         except Zpm2Error as error:
             return error
+
+    def _as_a_whole(self, sources: tuple[Source, Source], kept: KeptPhotos) -> MatchResult:
+        return match_whole(functools.partial(self._whole.one_of_many, kept=kept), sources, self.config)
 
     def _in_tiles(self, sources: tuple[Source, Source], said: list[str]) -> MatchResult:
         smallest = min_areas(sources, self.config)

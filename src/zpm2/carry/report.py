@@ -8,10 +8,10 @@ from zpm2.carry.outcome import Outcome
 from zpm2.config import RasterConfig
 from zpm2.errors import Failed
 from zpm2.formats.convert import Members
-from zpm2.formats.regions.outlines import parts_of
 from zpm2.formats.regions.region import GivenRegion, Shape
 from zpm2.formats.saving import Files
 from zpm2.model import ImagePolygons, PointMatches, Polygon, PolygonMatch
+from zpm2.polygons.repair import largest
 from zpm2.polygons.shapes import from_shape
 from zpm2.result import MatchResult
 from zpm2.view import report
@@ -67,5 +67,5 @@ def report_files(
 
 
 def _largest(shape: Shape, number: int, region: GivenRegion) -> Polygon:
-    part = from_shape(max(parts_of(shape), key=lambda each: each.area), number)
+    part = from_shape(largest(shape), number)
     return Polygon(number, part.exterior, part.holes, label=region.label)

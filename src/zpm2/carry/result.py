@@ -28,6 +28,7 @@ from zpm2.model.brief import brief
 from zpm2.photos.geolocation import meters_between, world_of
 from zpm2.photos.pictures import png
 from zpm2.photos.reopen import pixels
+from zpm2.polygons.repair import largest
 from zpm2.polygons.shapes import from_shape
 from zpm2.runtime import package_version
 from zpm2.view.overlay import overlay
@@ -157,9 +158,9 @@ class CarryResult:
         for k, (shape, outcome) in enumerate(zip(self.shapes, self.outcomes, strict=True)):
             if shape is None:
                 continue
-            left.append(from_shape(max(parts_of(shape), key=lambda part: part.area), k))
+            left.append(from_shape(largest(shape), k))
             if outcome.shape is not None:
-                right.append(from_shape(max(parts_of(outcome.shape), key=lambda part: part.area), k))
+                right.append(from_shape(largest(outcome.shape), k))
                 matches.append(PolygonMatch(k, k, outcome.confidence, 1.0, outcome.points, "guided"))
         sides = []
         for name, side, polygons in (("left", self.left, left), ("right", self.right, right)):

@@ -17,6 +17,7 @@ from zpm2.formats.regions.vectors import Vectors
 from zpm2.model import Georeference
 from zpm2.model.messages import Note, about
 from zpm2.photos.geolocation import WGS84, between, check_crs
+from zpm2.polygons.shapes import as_objects
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def open_layer(path: str | Path) -> Layer:
 def local_frame(layer: Layer) -> str:
     """A reference system in metres around the middle of a layer, as PROJ has it: azimuthal equidistant."""
     assert layer.ground.geo.crs is not None
-    x0, y0, x1, y1 = shapely.total_bounds(_array(layer.outlines))
+    x0, y0, x1, y1 = shapely.total_bounds(as_objects(layer.outlines))
     ((longitude, latitude),) = between(layer.ground.geo.crs, WGS84, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]]))
     if not np.isfinite([longitude, latitude]).all():
         raise InputError(f"{layer.file.path} lies outside of its reference system: assign the one it is in")
@@ -114,7 +115,7 @@ def in_meters(layer: Layer, frame: str) -> Shapes:
     """The polygons of a layer in `frame` (`local_frame`). Those beyond its reach are left out."""
     crs = layer.ground.geo.crs
     assert crs is not None
-    shapes = shapely.transform(_array(layer.outlines), lambda points: between(crs, frame, points))
+    shapes = shapely.transform(as_objects(layer.outlines), lambda points: between(crs, frame, points))
     good = [k for k, s in enumerate(shapes) if s is not None and np.isfinite(shapely.get_coordinates(s)).all()]
     return Shapes.of(np.array(good, np.int64), np.asarray(shapes[good], object))
 
@@ -125,9 +126,3 @@ def _crs_of(file: Features) -> str | None:
         return file.parsed.crs
     rings = [ring for feature in file.parsed.features for part in feature.parts for ring in part]
     return WGS84 if all((np.abs(ring) <= DEGREES).all() for ring in rings) else None
-
-
-def _array(shapes: Sequence[Shape | None]) -> NDArray[np.object_]:
-    array = np.empty(len(shapes), object)
-    array[:] = shapes
-    return array

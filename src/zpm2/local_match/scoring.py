@@ -13,8 +13,9 @@ from zpm2.local_match import assignment, shape, texture
 from zpm2.local_match.problem import MatchProblem
 from zpm2.local_match.shared_points import shared_points
 from zpm2.polygons import local_homography
-from zpm2.polygons.once import as_objects, each_once, identity, vertices
+from zpm2.polygons.once import each_once, identity, vertices
 from zpm2.polygons.overlap import iou
+from zpm2.polygons.shapes import as_objects
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.visible import co_visible
 

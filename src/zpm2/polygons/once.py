@@ -39,10 +39,3 @@ def each_once(
         for row, value in zip(new.tolist(), find(new), strict=True):
             known[keys[row]] = kept(row), value
     return [known[key][1] for key in keys]
-
-
-def as_objects(shapes: Sequence[object]) -> NDArray[np.object_]:
-    """(n,) an array of shapely geometries."""
-    result = np.empty(len(shapes), object)
-    result[:] = shapes
-    return result

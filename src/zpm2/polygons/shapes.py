@@ -1,12 +1,20 @@
-"""Conversion of shapely's polygons to ours."""
+"""Shapely's geometries as arrays, and its polygons as ours."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from zpm2.model import Polygon
+
+
+def as_objects(shapes: Sequence[object]) -> NDArray[np.object_]:
+    """(n,) an array of shapely geometries, or None; NumPy alone would read some of them as sequences."""
+    result = np.empty(len(shapes), object)
+    result[:] = shapes
+    return result
 
 
 def from_shape(shape: shapely.Polygon, id: int, score: float = 1.0, label: str | None = None) -> Polygon:

@@ -17,7 +17,8 @@ from zpm2.config import LocalConfig
 from zpm2.errors import Failed
 from zpm2.model import PointMatches, PolygonArrays
 from zpm2.polygons import local_homography
-from zpm2.polygons.once import Known, as_objects, each_once, identity, vertices
+from zpm2.polygons.once import Known, each_once, identity, vertices
+from zpm2.polygons.shapes import as_objects
 from zpm2.polygons.transform import transform_polygons
 
 Array = NDArray[np.float64]

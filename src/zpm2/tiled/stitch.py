@@ -20,7 +20,7 @@ from zpm2.photos.raster import Window
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.overlap import iou
 from zpm2.polygons.repair import largest
-from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.shapes import as_objects, from_shape
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]
@@ -56,7 +56,7 @@ def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area
     Outlines of united pieces are simplified (`vectorize.tolerance`).
     """
     chosen, nms_iou = config.tiles.stitch, config.segment.nms_iou
-    shapes = _array([polygon.shape for polygon in pieces.polygons])
+    shapes = as_objects([polygon.shape for polygon in pieces.polygons])
     level = pieces.levels[pieces.tile] if len(pieces.polygons) else np.zeros(0, np.int64)
     score = np.array([polygon.score for polygon in pieces.polygons])
     borders = [_Borders(window, size, chosen) for window in pieces.windows]
@@ -152,7 +152,7 @@ def _replaced(
 ) -> NDArray[np.bool_]:
     """(r,) whether a cut piece of `rest` is a part of a `whole` region."""
     i, j = shapely.STRtree(shapes[whole]).query(shapes[rest], predicate="intersects")
-    window = _array([border.box for border in borders])[tile[rest[i]]]
+    window = as_objects([border.box for border in borders])[tile[rest[i]]]
     seen = shapely.intersection(shapes[whole[j]], window)
     found = np.zeros(len(rest), bool)
     found[i[iou(shapes[rest[i]], seen) >= config.min_agreement]] = True
@@ -175,7 +175,7 @@ def _groups(
     a, b = rest[i], rest[j]
     keep = (i < j) & (tile[a] != tile[b]) & (level[a] == level[b])
     a, b = a[keep], b[keep]
-    boxes = _array([border.box for border in borders])
+    boxes = as_objects([border.box for border in borders])
     strip = shapely.intersection(boxes[tile[a]], boxes[tile[b]])
     alike = iou(shapely.intersection(shapes[a], strip), shapely.intersection(shapes[b], strip))
     order = np.argsort(-alike, kind="stable")
@@ -205,7 +205,7 @@ def _unite(
         simple = shapely.simplify(outline, config.vectorize.tolerance)
         found.append(simple if simple.is_valid and not simple.is_empty else outline)
         members.append(group)
-    return _array(found), members
+    return as_objects(found), members
 
 
 def _ends(
@@ -227,9 +227,3 @@ def _ends(
         if touching.area > 0 and shapely.intersection(touching, others).area < config.min_continued * touching.area:
             return True
     return False
-
-
-def _array(shapes: Sequence[shapely.Geometry]) -> Shapes:
-    array = np.empty(len(shapes), object)
-    array[:] = shapes
-    return array

@@ -8,8 +8,8 @@ import numpy as np
 
 from zpm2.carry import CarryResult
 from zpm2.config import TracksConfig
-from zpm2.formats.regions.outlines import parts_of
 from zpm2.model import Polygon
+from zpm2.polygons.repair import largest
 from zpm2.polygons.shapes import from_shape
 from zpm2.tracking.join import Observation, Track, TrackMatch
 from zpm2.tracking.matches import CarriedRegions
@@ -61,9 +61,7 @@ def errands(tracks: Sequence[Track], strength: Mapping[Pair, int], config: Track
 def carried_regions(result: CarryResult) -> CarriedRegions:
     """What tracks need of a carried list of polygons: of several parts the largest."""
     outlines = [
-        from_shape(max(parts_of(each.shape), key=lambda part: part.area), row)
-        for row, each in enumerate(result.outcomes)
-        if each.shape is not None
+        from_shape(largest(each.shape), row) for row, each in enumerate(result.outcomes) if each.shape is not None
     ]
     confidence = np.array([each.confidence for each in result.outcomes], np.float64)
     return CarriedRegions([each.status for each in result.outcomes], confidence, outlines)

@@ -11,6 +11,7 @@ from zpm2.errors import InputError
 from zpm2.formats.geojson import Rings
 from zpm2.formats.regions.region import CarriedRegion, Photograph, counted, name_of
 from zpm2.photos.geolocation import WGS84, between, check_crs, from_world, world_of
+from zpm2.polygons.shapes import as_objects
 
 Array = NDArray[np.float64]
 Shapes = NDArray[np.object_]
@@ -81,9 +82,7 @@ def to_ground(
 
 def outlines_of(carried: Sequence[CarriedRegion]) -> Shapes:
     """(n,) the outlines of carried regions, `oriented`."""
-    shapes = np.empty(len(carried), object)
-    shapes[:] = [each.shape for each in carried]
-    return oriented(shapes)
+    return oriented(as_objects([each.shape for each in carried]))
 
 
 def oriented(shapes: Shapes) -> Shapes:
