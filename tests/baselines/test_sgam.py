@@ -1,10 +1,12 @@
 """SGAM: what looks alike is a candidate, geometry decides."""
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from region_pairs import found, grid, points, region_pair, squares
 
 from zpm2.baselines import Sgam
-from zpm2.baselines.sgam import candidates
+from zpm2.baselines.sgam import candidates, mixed
 
 
 def test_candidates_are_the_best_of_both_and_those_close_to_it():
@@ -58,3 +60,11 @@ def test_the_rejector_drops_what_contradicts_the_geometry_of_the_others():
     pair = region_pair(squares(*boxes), right, matches, lambda shapes: (look(0, 1), look(0, 1)))
     assert set(found(Sgam(phi=1.0), pair)) == {(0, 0)}
     assert set(found(Sgam(phi=1e6), pair)) == {(0, 0), (1, 1)}
+
+
+@given(st.floats(0, 10), st.floats(0, 1), st.floats(0.1, 9))
+def test_inconsistency_stays_within_its_limit(own, leaving, limit):
+    """Else a confidence is below 0 by rounding, and no picture can be drawn."""
+    found = mixed(np.array([own]), np.array([leaving]), limit)[0]
+    assert 0 <= found <= limit
+    assert np.isclose(found, (1 - leaving) * min(own, limit) + leaving * limit)

@@ -87,7 +87,7 @@ class Sgam(Checked):
         count = np.array([len(points) for points in inner], np.int64)
         either = pair.shared.inside[0][rows[:, 0]] + pair.shared.inside[1][rows[:, 1]] - count
         leaving = (either - count) / np.maximum(either, 1)
-        inconsistency = (1 - leaving) * np.minimum(own, self.limit) + leaving * self.limit
+        inconsistency = mixed(own, leaving, self.limit)
         predicted = greedy(rows, -inconsistency - np.where(doubtful, self.limit, 0.0))  # certain pairs first
         kept = predicted[own[predicted] <= self.phi * typical]
         return rows[kept], inconsistency[kept]
@@ -122,6 +122,11 @@ def candidates(similarity: Array, least: float, doubt: float) -> tuple[Rows, NDA
     rows = np.argwhere(near).astype(np.int64)
     several = (near.sum(axis=1) > 1)[rows[:, 0]] | (near.sum(axis=0) > 1)[rows[:, 1]]
     return rows, several
+
+
+def mixed(own: Array, leaving: Array, limit: float) -> Array:
+    """(k,) px, 0..`limit`: the mean distance of a pair's points where those that leave it, a share, count `limit`."""
+    return np.asarray(limit - (1 - leaving) * (limit - np.minimum(own, limit)))  # rounding never exceeds the limit
 
 
 def _inner_matches(pair: RegionPair, rows: Rows) -> list[NDArray[np.int64]]:
