@@ -21,6 +21,7 @@ import document
 
 from zpm2 import MatchResult
 from zpm2.evaluate.predictions import PredictionSettings
+from zpm2.files.record import make_folder
 
 TRUTH_FILES = ("file", "file1")
 
@@ -30,7 +31,7 @@ def measure(pair: dict[str, Any], prediction: Path, copies: int, folder: Path) -
     (folder / "pairs.json").write_text(json.dumps([{**pair, "name": name} for name in names]))
     out = folder / "out"
     PredictionSettings("pairs", None, "zpm2", dict(MatchResult.load(prediction).config)).claim(out)
-    (out / "predictions").mkdir()
+    make_folder(out / "predictions")
     for name in names:
         (out / "predictions" / name).symlink_to(prediction.resolve())
     command = ["zpm2", "eval", "pairs", "--root", str(folder), "-o", str(out), "--score-only", "--quiet"]
