@@ -11,10 +11,14 @@ import json
 from collections.abc import Mapping
 from importlib import resources
 
+import cv2
 import jinja2
+import numpy as np
+from numpy.typing import NDArray
 
 PAGE = resources.files("zpm2.view.report").joinpath("page")
 PREFIX = "#report/"
+QUALITY = 85  # 1..100, of the pictures (WebP)
 
 
 def render(template: str, main: str, data: Mapping[str, object], **values: object) -> str:
@@ -49,6 +53,13 @@ def in_script(value: object) -> str:
 def data_url(kind: str, content: bytes) -> str:
     """A file as an address."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def picture_url(picture: NDArray[np.uint8]) -> str:
+    """(h, w, 3 or 4) RGB or RGBA as an address."""
+    order = cv2.COLOR_RGB2BGR if picture.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+    _, packed = cv2.imencode(".webp", cv2.cvtColor(picture, order), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return data_url("image/webp", packed.tobytes())
 
 
 def _modules() -> list[str]:

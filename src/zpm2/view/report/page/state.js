@@ -22,20 +22,37 @@ export const DEFAULTS = Object.freeze({
   theme: "", // light, dark; empty: as the system
 });
 
+/** The same of the report of tracks. */
+export const TRACKS = Object.freeze({
+  select: "", // key of a track
+  color: "match", // match, confidence
+  tab: "list", // list, run
+  photographs: 1, // the least number of a track
+  min: 0, // of its lowest confidence
+  max: 1,
+  carried: false, // only tracks with carried regions
+  text: "", // an id, or a part of a photograph's name
+  sort: "length",
+  fill: 30, // opacity in percent
+  numbers: true,
+  across: 2, // photographs in a row
+  theme: "",
+});
+
 const CHOICES = {
   mode: ["side", "curtain", "blink"],
   align: ["points", "homography"],
   color: ["match", "confidence", "stage", "why"],
   tab: ["list", "run"],
   show: ["all", "matched", "unmatched", "left", "right"],
-  sort: ["id", "label", "area", "confidence", "cost", "dsf", "stage", "verdict"],
+  sort: ["id", "label", "area", "confidence", "cost", "dsf", "stage", "verdict", "length", "weakest"],
   theme: ["", "light", "dark"],
 };
 
 /** The fragment of a state, without #: what differs from the defaults. */
-export function toFragment(state) {
+export function toFragment(state, defaults = DEFAULTS) {
   const words = new URLSearchParams();
-  for (const [name, usual] of Object.entries(DEFAULTS)) {
+  for (const [name, usual] of Object.entries(defaults)) {
     const value = Array.isArray(usual) ? state[name].join(",") : String(state[name]);
     if (value !== (Array.isArray(usual) ? usual.join(",") : String(usual))) words.set(name, value);
   }
@@ -43,10 +60,10 @@ export function toFragment(state) {
 }
 
 /** The state that a fragment describes. Unknown names and values that do not fit are left out. */
-export function fromFragment(fragment) {
-  const state = { ...DEFAULTS };
+export function fromFragment(fragment, defaults = DEFAULTS) {
+  const state = { ...defaults };
   for (const [name, value] of new URLSearchParams(fragment.replace(/^#/, ""))) {
-    const usual = Object.hasOwn(DEFAULTS, name) ? DEFAULTS[name] : undefined;
+    const usual = Object.hasOwn(defaults, name) ? defaults[name] : undefined;
     if (Array.isArray(usual)) state[name] = value.split(",").filter(Boolean);
     else if (typeof usual === "boolean") state[name] = value === "true";
     else if (typeof usual === "number") state[name] = Number.isFinite(Number(value)) ? Number(value) : usual;
