@@ -23,6 +23,7 @@ from zpm2.view.report.content import Words
 LONGEST = 1600  # px, the longer side of a photograph in the page
 HELD = 16_000_000  # bytes of the matches.json that the page itself holds, packed; a larger one has to lie beside it
 LARGE = 2400  # px, the longer side from which on a photograph can be seen at full size, from files beside the page
+PLANES = ("epipolar", "homography")  # ways to lay the right photograph over the left one as a whole
 WORDS = Words()
 
 Pixels = NDArray[np.uint8]
@@ -63,9 +64,13 @@ def _page(result: PairResult, document: Members, config: RasterConfig, words: Wo
         np.array(size) / (side.width, side.height) for size, side in zip(sizes, sides, strict=True)
     )
     scales = left_scale, right_scale
+    planes = alignment.better(alignment.rectifying(result.fundamental, result.points), result.homography, result.points)
     aligned = {
         "points": alignment.by_points(shown[1], result.points, scales, sizes[0]),
-        "homography": alignment.by_homography(shown[1], result.homography, scales, sizes[0]),
+        **{
+            how: alignment.by_homography(shown[1], plane, scales, sizes[0])
+            for how, plane in zip(PLANES, planes, strict=True)
+        },
     }
     pictures = [{"name": name, "url": picture_url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
     pictures += [
@@ -75,6 +80,8 @@ def _page(result: PairResult, document: Members, config: RasterConfig, words: Wo
     data = content.pair(result, (sharpest[0], sharpest[1]), words) | {
         "tiles": [{"folder": TILES, "side": tiles.SIDE, "levels": count} if count else None for count in counts],
         "aligned": {how: str(made) if isinstance(made, Failed) else None for how, made in aligned.items()},
+        "within": {how: alignment.within(plane, result.points) for how, plane in zip(PLANES, planes, strict=True)},
+        "most": alignment.MOST,
         "run": content.run(document),
     }
     names = [os.path.basename(side.path) if side.path else name for side, name in zip(sides, SIDES, strict=True)]

@@ -1,6 +1,7 @@
 // The report of a pair: puts state, photographs, table and details together.
 
 import { connectControls, listChoices, showLegend } from "#report/controls.js";
+import { WAYS, comparison } from "#report/comparison.js";
 import { shown, the } from "#report/dom.js";
 import { showDetail } from "#report/detail.js";
 import { clipLine, multiply, transposed } from "#report/geometry.js";
@@ -114,7 +115,8 @@ class Report {
 
   /** Lays the aligned right photograph over the left one, or takes it away. */
   compare() {
-    const { mode, align } = this.state;
+    const { mode } = this.state;
+    const align = this.align;
     const [left] = this.panels;
     const failed = mode === "side" ? null : this.data.aligned[align];
     const was = left.over;
@@ -122,8 +124,16 @@ class Report {
     if (left.over && (!was || this.was !== mode)) left.edge = mode === "curtain" ? 0.5 : 1;
     this.was = mode;
     the("no-compare").hidden = !failed;
-    the("no-compare").textContent = failed ? `The photographs cannot be laid over each other by ${align}: ${failed}` : "";
+    the("no-compare").textContent = failed ? `The photographs cannot be laid over each other by ${WAYS[align]}: ${failed}` : "";
+    the("compared").hidden = mode === "side" || Boolean(failed);
+    the("compared").textContent = comparison(align, this.data);
+    document.querySelector('[data-state="align"]').value = align;
     the("play").textContent = this.playing ? "Pause" : "Play";
+  }
+
+  /** What curtain and blink are aligned by. */
+  get align() {
+    return this.state.align || (["points", "epipolar", "homography"].find((how) => !this.data.aligned[how]) ?? "points");
   }
 
   blink() {

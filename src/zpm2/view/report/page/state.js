@@ -3,7 +3,7 @@
 export const DEFAULTS = Object.freeze({
   select: "", // key of an item
   mode: "side", // side, curtain, blink
-  align: "points", // what curtain and blink are aligned by
+  align: "", // what curtain and blink are aligned by; empty: the first of the others that there is
   color: "match", // match, confidence, stage, why
   tab: "list", // list, run
   show: "all", // all, matched, unmatched, left, right
@@ -41,7 +41,7 @@ export const TRACKS = Object.freeze({
 
 const CHOICES = {
   mode: ["side", "curtain", "blink"],
-  align: ["points", "homography"],
+  align: ["", "points", "epipolar", "homography"],
   color: ["match", "confidence", "stage", "why"],
   tab: ["list", "run"],
   show: ["all", "matched", "unmatched", "left", "right"],
