@@ -8,6 +8,7 @@ disk work.
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from importlib import resources
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 PAGE = resources.files("zpm2.view.report").joinpath("page")
 PREFIX = "#report/"
+IMPORTED = re.compile(rf'from "{PREFIX}([a-z]+\.js)"')
 QUALITY = 85  # 1..100, of the pictures (WebP)
 
 
@@ -33,7 +35,7 @@ def render(template: str, main: str, data: Mapping[str, object], **values: objec
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    imports = json.dumps({"imports": {PREFIX + name: _url(name) for name in _modules()}})
+    imports = json.dumps({"imports": {PREFIX + name: _url(name) for name in _modules(main)}})
     start = f'import "{PREFIX}{main}";'
     return environment.get_template(template).render(
         style=_text("report.css"),
@@ -62,8 +64,15 @@ def picture_url(picture: NDArray[np.uint8]) -> str:
     return data_url("image/webp", packed.tobytes())
 
 
-def _modules() -> list[str]:
-    return sorted(each.name for each in PAGE.iterdir() if each.name.endswith(".js"))
+def _modules(main: str) -> list[str]:
+    """The names of a module and of all that it needs, sorted."""
+    found, left = set[str](), [main]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left += IMPORTED.findall(_text(name))
+    return sorted(found)
 
 
 def _text(name: str) -> str:

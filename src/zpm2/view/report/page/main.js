@@ -11,7 +11,7 @@ import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
 import { fromFragment, toFragment } from "#report/state.js";
-import { Table } from "#report/table.js";
+import { PAIR_COLUMNS, Table } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
@@ -39,10 +39,12 @@ class Report {
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.on = { verdict: (item, verdict) => this.judge(item, verdict), select: (key) => this.set({ select: key }) };
     const labels = this.polygons.flat().some((polygon) => polygon.label);
-    this.table = new Table(the("table-head"), the("table-body"), labels, {
+    the("table").classList.toggle("labelled", labels);
+    this.table = new Table(the("table-head"), the("table-body"), PAIR_COLUMNS.filter(([name]) => name !== "label" || labels), {
       sort: (column) => this.set({ sort: column, down: this.state.sort === column && !this.state.down }),
       select: (item) => this.choose(item),
       hover: (item) => this.hover(item),
+      color: (item) => paintOf(item, this.state.color, this.reasons).color,
     });
   }
 
@@ -105,7 +107,7 @@ class Report {
     this.listed = sorted(this.items.filter((item) => passes(item, state)), state.sort, state.down);
     const judged = Object.keys(this.verdicts).length;
     the("listed").textContent = `${shown(this.listed.length)} of ${shown(this.items.length)} shown${judged ? `, ${judged} judged` : ""}`;
-    this.table.show(this.listed, state, this.verdicts, this.reasons);
+    this.table.show(this.listed, state);
     if (state.select !== before.select || before === state) this.table.reveal(state.select);
     showLegend(this);
     this.compare();

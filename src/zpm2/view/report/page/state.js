@@ -39,13 +39,27 @@ export const TRACKS = Object.freeze({
   theme: "",
 });
 
+/** The same of the page of a cloud. */
+export const CLOUD = Object.freeze({
+  select: "", // key of a polygon
+  color: "match", // match, confidence
+  patches: true, // what is shown
+  tubes: true,
+  surface: true,
+  min: 0, // confidence
+  text: "", // an id, or a part of a label or of a photograph's name
+  sort: "id",
+  down: false,
+  theme: "",
+});
+
 const CHOICES = {
   mode: ["side", "curtain", "blink"],
   align: ["", "points", "epipolar", "homography"],
   color: ["match", "confidence", "stage", "why"],
   tab: ["list", "run"],
   show: ["all", "matched", "unmatched", "left", "right"],
-  sort: ["id", "label", "area", "confidence", "cost", "dsf", "stage", "verdict", "length", "weakest"],
+  sort: ["id", "label", "area", "confidence", "cost", "dsf", "stage", "verdict", "length", "weakest", "planarity", "seen"],
   theme: ["", "light", "dark"],
 };
 
