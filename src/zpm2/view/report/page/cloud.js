@@ -60,7 +60,10 @@ class CloudPage {
       this.listen(canvas);
       new ResizeObserver(() => this.draw()).observe(canvas);
       canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-      canvas.addEventListener("webglcontextrestored", () => (this.scene.start(), this.draw()));
+      canvas.addEventListener("webglcontextrestored", () => {
+        this.scene.start();
+        this.draw();
+      });
     }
     addEventListener("hashchange", () => this.adopt(fromFragment(location.hash, CLOUD)));
     this.adopt(this.state);

@@ -17,7 +17,7 @@ export function csv(items, verdicts) {
 
 /** Rows of values as comma-separated values (RFC 4180). */
 export function csvText(rows) {
-  return rows.map((row) => row.map(field).join(",") + "\r\n").join("");
+  return rows.map((row) => `${row.map(field).join(",")}\r\n`).join("");
 }
 
 function field(value) {
