@@ -20,7 +20,7 @@ SPACE = (6, 2)  # px left free between two labels, across and down: two numbers 
 INSIDE = 0.95  # share of a label's box on its region that is as good as all of it
 MOSTLY = 0.55  # the least such share of a label in its region, in the smallest type
 REACH = 16  # px from a region to a label beside it
-DEEP = 3  # px that the line from a label leads into its region, where this is wide enough
+DEEP, LEAD = 3, 50  # px that the line from a label leads into its region, where this is so wide within that distance
 COVERABLE = 60  # px, the longer side from which on a region may lie below the number of one beside it
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 panel px, end excluded
@@ -119,9 +119,11 @@ def _beside(text: str, mask: Pixels, seen: Pixels, blocked: Pixels, origin: tupl
         return None
     label = _label(text, MIN_LABEL, at, away.shape[1], origin)
     depth = _depth(seen if seen.any() else mask)
-    rows, columns = np.nonzero(depth >= min(DEEP, depth.max()))
+    rows, columns = np.nonzero(depth)
     x, y = (np.array(label.box[:2]) + label.box[2:]) / 2 - origin
-    nearest = int(np.hypot(columns - x, rows - y).argmin())
+    far = np.hypot(columns - x, rows - y)
+    deep = depth[rows, columns] >= DEEP
+    nearest = int(np.where(deep & (far <= LEAD), far - LEAD, far).argmin())
     return replace(label, tick=(origin[0] + int(columns[nearest]), origin[1] + int(rows[nearest])))
 
 
