@@ -4,6 +4,7 @@ import { make, shown, the } from "#report/dom.js";
 import { CONFIDENCE, confidenceColor } from "#report/items.js";
 import { moved, nearer, seenFrom, spun } from "#report/orbit.js";
 import { Scene, placesOf } from "#report/scene.js";
+import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState } from "#report/shell.js";
 import { CLOUD, fromFragment, toFragment } from "#report/state.js";
 import { Table } from "#report/table.js";
 
@@ -74,34 +75,12 @@ class CloudPage {
   }
 
   connect() {
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const name = element.dataset.state;
-      element.addEventListener("input", () => {
-        if (element.type === "checkbox") this.set({ [name]: element.checked });
-        else if (typeof CLOUD[name] === "number") this.set({ [name]: Number(element.value) });
-        else this.set({ [name]: element.value });
-      });
-    }
-    the("filters").addEventListener("submit", (event) => event.preventDefault());
-    the("filters").addEventListener("reset", (event) => {
-      event.preventDefault();
-      this.set({ text: CLOUD.text, min: CLOUD.min });
-    });
+    const set = (changes) => this.set(changes);
+    connectState(CLOUD, set);
+    connectReset(CLOUD, ["text", "min"], set);
     the("theme").addEventListener("click", () => this.turnTheme());
-    the("help-button").addEventListener("click", () => the("help").showModal());
     the("fit").addEventListener("click", () => this.look(this.home));
-    addEventListener("keydown", (event) => this.key(event));
-  }
-
-  key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || the("help").open) return;
-    const { target } = event;
-    if (target.matches("input:not([type=checkbox]), select")) {
-      if (event.key === "Escape") target.blur();
-      return;
-    }
-    if (target.matches("button, input, label") && [" ", "Enter"].includes(event.key)) return;
-    const actions = {
+    connectKeys({
       ArrowLeft: () => this.look(spun(this.eye, -STEP, 0)),
       ArrowRight: () => this.look(spun(this.eye, STEP, 0)),
       ArrowDown: () => this.step(1),
@@ -113,16 +92,11 @@ class CloudPage {
       "+": () => this.look(nearer(this.eye, 1.25)),
       "-": () => this.look(nearer(this.eye, 0.8)),
       0: () => this.look(this.home),
+      r: () => this.look(this.home),
       c: () => this.set({ color: this.state.color === "match" ? "confidence" : "match" }),
       d: () => this.turnTheme(),
       "/": () => document.querySelector('[data-state="text"]').focus(),
-      "?": () => the("help").showModal(),
-    };
-    actions["="] = actions["+"];
-    actions.r = actions[0];
-    if (!Object.hasOwn(actions, event.key)) return;
-    event.preventDefault();
-    actions[event.key]();
+    });
   }
 
   listen(canvas) {
@@ -201,18 +175,12 @@ class CloudPage {
 
   set(changes) {
     this.adopt({ ...this.state, ...changes });
-    const fragment = toFragment(this.state, CLOUD);
-    history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
+    keepAddress(toFragment(this.state, CLOUD));
   }
 
   adopt(state) {
     this.state = state;
-    document.documentElement.dataset.theme = state.theme;
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const value = state[element.dataset.state];
-      if (element.type === "checkbox") element.checked = value;
-      else if (element !== document.activeElement) element.value = value;
-    }
+    showState(state);
     const through = this.items.filter((item) => this.passes(item));
     this.listed = sortedBy(through, state.sort, state.down);
     the("listed").textContent = `${shown(this.listed.length)} of ${shown(this.items.length)} polygons shown`;
@@ -259,8 +227,7 @@ class CloudPage {
   }
 
   turnTheme() {
-    const dark = this.state.theme ? this.state.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-    this.set({ theme: dark ? "light" : "dark" });
+    this.set({ theme: otherTheme(this.state) });
   }
 
   mark() {

@@ -10,6 +10,7 @@ import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
+import { keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
 import { fromFragment, toFragment } from "#report/state.js";
 import { PAIR_COLUMNS, Table } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
@@ -72,8 +73,7 @@ class Report {
   /** Changes members of the state, and the address with it. */
   set(changes) {
     this.adopt({ ...this.state, ...changes });
-    const fragment = toFragment(this.state);
-    history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
+    keepAddress(toFragment(this.state));
   }
 
   /** Shows a state. */
@@ -86,19 +86,10 @@ class Report {
       this.marks();
       return;
     }
-    document.documentElement.dataset.theme = state.theme;
+    showState(state);
+    showTab(["list", "run"], state.tab);
     document.body.dataset.mode = state.mode;
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const value = state[element.dataset.state];
-      if (element.type === "checkbox") element.checked = value;
-      else if (element.type === "radio") element.checked = element.value === value;
-      else if (element !== document.activeElement) element.value = value === 0 && element.dataset.state === "most" ? "" : value;
-    }
     for (const box of the("chosen").querySelectorAll("input")) box.checked = !state.hide.includes(box.value);
-    for (const tab of ["list", "run"]) {
-      the(tab).hidden = state.tab !== tab;
-      the(`tab-${tab}`).setAttribute("aria-selected", state.tab === tab);
-    }
     for (const item of this.items) {
       item.verdict = this.verdicts[item.key];
       const through = passes(item, state);
@@ -227,8 +218,7 @@ class Report {
   }
 
   turnTheme() {
-    const dark = this.state.theme ? this.state.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-    this.set({ theme: dark ? "light" : "dark" });
+    this.set({ theme: otherTheme(this.state) });
   }
 
   hover(item, cursor = null) {

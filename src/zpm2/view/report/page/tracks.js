@@ -6,6 +6,7 @@ import { CONFIDENCE } from "#report/items.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showFacts } from "#report/run.js";
+import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
 import { TRACKS, fromFragment, toFragment } from "#report/state.js";
 import { Strips } from "#report/strips.js";
 import { ordered, passes, rowsOf, tracksOf } from "#report/trackitems.js";
@@ -60,37 +61,14 @@ class TracksReport {
   }
 
   connect() {
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const name = element.dataset.state;
-      element.addEventListener("input", () => {
-        if (element.type === "checkbox") this.set({ [name]: element.checked });
-        else if (typeof TRACKS[name] === "number") this.set({ [name]: element.value === "" ? TRACKS[name] : Number(element.value) });
-        else this.set({ [name]: element.value });
-      });
-    }
-    the("filters").addEventListener("submit", (event) => event.preventDefault());
-    the("filters").addEventListener("reset", (event) => {
-      event.preventDefault();
-      const { photographs, min, max, carried, text } = TRACKS;
-      this.set({ photographs, min, max, carried, text });
-    });
+    const set = (changes) => this.set(changes);
+    connectState(TRACKS, set);
+    connectReset(TRACKS, ["photographs", "min", "max", "carried", "text"], set);
     for (const tab of ["list", "run"]) the(`tab-${tab}`).addEventListener("click", () => this.set({ tab }));
     the("theme").addEventListener("click", () => this.turnTheme());
-    the("help-button").addEventListener("click", () => the("help").showModal());
     the("fit").addEventListener("click", () => this.fit());
     for (const button of document.querySelectorAll("[data-offer]")) button.addEventListener("click", () => this.give(button.dataset.offer));
-    addEventListener("keydown", (event) => this.key(event));
-  }
-
-  key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || the("help").open) return;
-    const { target } = event;
-    if (target.matches("input:not([type=checkbox]), select")) {
-      if (event.key === "Escape") target.blur();
-      return;
-    }
-    if (target.matches("button, summary, input, label") && [" ", "Enter"].includes(event.key)) return;
-    const actions = {
+    connectKeys({
       ArrowDown: () => this.step(1),
       ArrowUp: () => this.step(-1),
       j: () => this.step(1),
@@ -105,11 +83,7 @@ class TracksReport {
         this.set({ tab: "list" });
         document.querySelector('[data-state="text"]').focus();
       },
-      "?": () => the("help").showModal(),
-    };
-    if (!Object.hasOwn(actions, event.key)) return;
-    event.preventDefault();
-    actions[event.key]();
+    });
   }
 
   async give(what) {
@@ -120,23 +94,14 @@ class TracksReport {
 
   set(changes) {
     this.adopt({ ...this.state, ...changes });
-    const fragment = toFragment(this.state, TRACKS);
-    history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
+    keepAddress(toFragment(this.state, TRACKS));
   }
 
   adopt(state) {
     const before = this.state;
     this.state = state;
-    document.documentElement.dataset.theme = state.theme;
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const value = state[element.dataset.state];
-      if (element.type === "checkbox") element.checked = value;
-      else if (element !== document.activeElement) element.value = value;
-    }
-    for (const tab of ["list", "run"]) {
-      the(tab).hidden = state.tab !== tab;
-      the(`tab-${tab}`).setAttribute("aria-selected", state.tab === tab);
-    }
+    showState(state);
+    showTab(["list", "run"], state.tab);
     if (state === before || Object.keys(state).some((name) => name !== "select" && state[name] !== before[name])) {
       for (const item of this.items) for (const polygon of item.seen) polygon.shown = passes(item, state, this.names);
       this.listed = ordered(this.items.filter((item) => passes(item, state, this.names)), state.sort);
@@ -200,8 +165,7 @@ class TracksReport {
   }
 
   turnTheme() {
-    const dark = this.state.theme ? this.state.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-    this.set({ theme: dark ? "light" : "dark" });
+    this.set({ theme: otherTheme(this.state) });
   }
 
   /** From a strip, or from a photograph (then with the cursor): there the strips move to the track. */
