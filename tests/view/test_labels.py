@@ -138,7 +138,7 @@ def test_pictures_of_any_shape_are_no_larger_than_asked_and_have_a_legend(size):
 def test_the_legend_says_how_many_numbers_are_left_out(monkeypatch):
     said = []
     draw = Legend.draw
-    monkeypatch.setattr(Legend, "draw", lambda legend, canvas: said.append(legend) or draw(legend, canvas))
+    monkeypatch.setattr(Legend, "draw", lambda legend, *given: said.append(legend) or draw(legend, *given))
     crowd = [
         _box(1000 + k, 5 + 9 * (k % 40), 5 + 9 * (k // 40), 9 + 9 * (k % 40), 9 + 9 * (k // 40)) for k in range(320)
     ]
@@ -149,6 +149,13 @@ def test_the_legend_says_how_many_numbers_are_left_out(monkeypatch):
     assert said[0].remarks[-1] == "without a number, for lack of room: 320"
     assert said[1].remarks[-1] == "without a number, for lack of room: 640"
     assert not any("lack of room" in remark for remark in said[2].remarks)
+
+
+def test_small_pictures_are_not_all_legend():
+    left, right, matches = _pair((300, 200), [_box(1, 20, 20, 250, 150)])
+    picture = overlay(left, right, matches, 240)
+    assert max(picture.shape[:2]) <= 240
+    assert (np.ptp(picture[80:].astype(int), axis=2) > 40).sum() > 1000
 
 
 @given(st.integers(640, 2400), st.integers(0, 6))

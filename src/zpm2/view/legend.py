@@ -47,13 +47,12 @@ class Legend:
         """px that it needs above a picture of `width` px."""
         return HEADER + ROW * max(0, len(self._lines(width)) - 1)
 
-    def draw(self, canvas: Pixels) -> Pixels:
-        """The canvas with the legend over its upper part."""
+    def draw(self, canvas: Pixels, height: int) -> Pixels:
+        """The canvas with the legend over its upper `height` px, as many lines of it as fit there."""
         width = canvas.shape[1]
-        middles = [50 + ROW * k for k in range(len(self._lines(width)))]
         texts = []
-        for middle, line in zip(middles, self._lines(width), strict=True):
-            x = MARGIN
+        for k, line in enumerate(self._lines(width)[: 1 + (height - HEADER) // ROW]):
+            x, middle = MARGIN, 50 + ROW * k
             for key in line:
                 if key.color:
                     _sample(canvas, key, x, middle)

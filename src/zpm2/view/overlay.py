@@ -171,7 +171,7 @@ def _frames(
         sizes, stacked = _layout(shapes[0], shapes[1], max_side, header)
         both = [size[0] for size in sizes]
         width = max(width, max(both) if stacked else sum(both) + GAP, min(LEAST_WIDTH, max_side))
-        header = _said(legend, count).height(width)
+        header = min(_said(legend, count).height(width), max(HEADER, max_side // 3))
     frames = [
         PanelFrame(name, image, (side.width, side.height), size)
         for name, image, side, size in zip(SIDES, images, (left, right), sizes, strict=True)
@@ -226,4 +226,4 @@ def _assemble(panels: Sequence[Pixels], stacked: bool, legend: Legend, reserved:
     for panel, (y, x) in zip(panels, ((0, 0), step), strict=True):
         top, start = header + y, (width - wide) // 2 + x
         canvas[top : top + panel.shape[0], start : start + panel.shape[1]] = panel
-    return legend.draw(canvas)
+    return legend.draw(canvas, header)
