@@ -7,6 +7,7 @@ import select
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,19 +15,27 @@ from typing import Any
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--disable-gpu"),
-    *("--hide-scrollbars", "--remote-debugging-pipe"),
+    *("--disable-component-update", "--disable-sync", "--hide-scrollbars", "--remote-debugging-pipe"),
 )
+NO_GPU = ("--disable-gpu",)
+WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # a GPU in software
 PATIENCE = 60.0  # seconds
 
 
 class Browser:
     """One page of a browser. `errors` are what its console reported."""
 
-    def __init__(self, profile: Path, width: int = 1280, height: int = 800) -> None:
+    def __init__(self, profile: Path, width: int = 1280, height: int = 800, gpu: Sequence[str] = NO_GPU) -> None:
         to_read, self._write = os.pipe()
         self._read, to_write = os.pipe()
-        words = [str(CHROMIUM), *FLAGS, f"--window-size={width},{height}", f"--user-data-dir={profile}", "about:blank"]
+        words = [
+            str(CHROMIUM),
+            *FLAGS,
+            *gpu,
+            f"--window-size={width},{height}",
+            f"--user-data-dir={profile}",
+            "about:blank",
+        ]
 
         def places() -> None:  # the browser reads from 3 and writes to 4
             first, second = os.dup(to_read), os.dup(to_write)

@@ -52,6 +52,16 @@ def test_without_a_browser(run: Run, result: Path, monkeypatch: pytest.MonkeyPat
     assert f"open {result / 'report.html'} yourself" in said
 
 
+def test_tracks(run: Run, tmp_path: Path, opened: list[str]) -> None:
+    (tmp_path / "tracks.json").write_text("{}")
+    code, _, said = run("view", tmp_path)
+    assert code == 2
+    assert "run zpm2 tracks again" in said
+    (tmp_path / "report.html").write_text("tracks")
+    assert run("view", tmp_path).code == 0
+    assert opened == [(tmp_path / "report.html").as_uri()]
+
+
 def test_a_cloud(run: Run, tmp_path: Path, opened: list[str]) -> None:
     (tmp_path / "cloud.html").write_text("a cloud")
     assert run("view", tmp_path).code == 0

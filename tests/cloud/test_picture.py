@@ -3,12 +3,12 @@
 import dataclasses
 import json
 import re
-import shutil
-import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, WEBGL, Browser
 from clouds import cloud_of, looking_down, squares
 from meshes import grid, sphere
 
@@ -18,13 +18,6 @@ from zpm2.cloud.export import BOUNDARY_SHADE
 from zpm2.cloud.page import page
 from zpm2.cloud.picture import GAP, SIZE, three_views
 from zpm2.errors import Failed
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--window-size=900,600", "--virtual-time-budget=20000"),
-)
 
 
 @pytest.fixture(scope="module")
@@ -75,25 +68,72 @@ def test_the_page_needs_nothing_else(cloud: PolygonCloud) -> None:
         assert match == {"match": patch.supports[0].left_polygon, "left_view": 0, "right_view": 1}
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_the_page_in_a_browser(cloud: PolygonCloud, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine")
+    with Browser(tmp_path_factory.mktemp("profile"), 1200, 700, WEBGL) as found:
+        yield found
+
+
+@pytest.fixture
+def browser(shared: Browser) -> Iterator[Browser]:
+    shared.errors.clear()
+    yield shared
+    assert shared.errors == []
+
+
+def test_the_page_in_a_browser(browser: Browser, cloud: PolygonCloud, tmp_path: Path) -> None:
     """It draws, and pointing at the middle names the polygon there; beside all polygons it names none."""
     middle = np.argmin([np.linalg.norm(p.patch.centroid[:2]) for p in cloud.patches])
     for place, expected in (("0.5,0.5", int(middle)), ("0.02,0.5", -1)):
-        dom = opened(cloud, place, tmp_path)
+        dom = opened(browser, cloud, tmp_path, f"#pick={place}")
         assert f'data-picked="{expected}"' in dom
         assert (f"Polygon {expected}" in dom) == (expected >= 0)
 
 
-def opened(cloud: PolygonCloud, place: str, folder: Path) -> str:
-    """What a browser makes of the page with the pointer at a place."""
+def opened(browser: Browser, cloud: PolygonCloud, folder: Path, fragment: str = "") -> str:
+    """What a browser makes of the page."""
     file = folder / "cloud.html"
     file.write_text(page(cloud), encoding="utf-8")
-    words = [str(CHROMIUM), *FLAGS, f"--user-data-dir={folder / 'profile'}", "--dump-dom"]
-    done = subprocess.run([*words, f"{file.as_uri()}#pick={place}"], capture_output=True, timeout=120, check=True)
-    dom = done.stdout.decode()
-    assert 'data-ready="yes"' in dom, done.stderr.decode()[-2000:]
+    browser.open(file, fragment)
+    dom = str(browser.run("document.documentElement.outerHTML"))
+    assert 'data-ready="yes"' in dom
     return dom
+
+
+def test_the_page_as_a_person_uses_it(browser: Browser, cloud: PolygonCloud, tmp_path: Path) -> None:
+    opened(browser, cloud, tmp_path)
+    x, y = browser.run(
+        "(() => { const b = document.getElementById('view').getBoundingClientRect();"
+        "return [b.left + b.width / 2, b.top + b.height / 2]; })()"
+    )
+    picked = "Number(document.body.dataset.picked)"
+    browser.move(x, y)
+    middle = browser.run(picked)
+    assert middle >= 0
+    browser.click(x, y)
+    assert browser.run("location.hash") == f"#select=p{middle}"
+    browser.move(2, 2)
+    assert browser.run(picked) == middle  # chosen
+    browser.press("Escape")
+    assert browser.run(picked) == -1
+    browser.press("/")
+    browser.type(str((middle + 1) % 9))
+    assert browser.run("document.getElementById('listed').textContent") == "1 of 9 polygons shown"
+    browser.move(x, y)
+    assert browser.run(picked) == -1  # those that the filters leave out are not drawn
+    browser.press("Escape")
+    browser.press("j")
+    browser.press("Enter", "\r")  # turns around the only one, which is in the middle then
+    browser.run("new Promise((done) => requestAnimationFrame(done))")
+    browser.press("Escape")
+    browser.move(x + 1, y)
+    assert browser.run(picked) == (middle + 1) % 9
+    browser.drag((x, y), (x + 300, y + 120))
+    browser.wheel(x, y, 300)
+    browser.press("c")
+    assert "color=confidence" in browser.run("location.hash")
 
 
 MARKUP = "</script><!--<script><img src=x onerror=document.title='pwned'>\u2028\u2029]]>&lt;'\"`${1}"
@@ -109,9 +149,8 @@ def test_names_and_labels_full_of_markup_stay_text(cloud: PolygonCloud) -> None:
     assert {polygon["label"] for polygon in data["polygons"]} == {MARKUP}
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_markup_is_shown_as_text_in_a_browser(cloud: PolygonCloud, tmp_path: Path) -> None:
-    dom = opened(marked(cloud), "0.5,0.5", tmp_path)
+def test_markup_is_shown_as_text_in_a_browser(browser: Browser, cloud: PolygonCloud, tmp_path: Path) -> None:
+    dom = opened(browser, marked(cloud), tmp_path, "#pick=0.5,0.5")
     assert "pwned" not in re.search(r"<title>(.*?)</title>", dom, re.S)[1]
     assert "<img" not in re.sub(r"<script.*?</script>", "", dom, flags=re.S)
     assert dom.count("&lt;img src=x onerror=") >= 2  # in the title of the polygon, and where it was seen

@@ -12,7 +12,7 @@ from zpm2.model import Image, ImagePolygons, Polygon, PolygonMatch
 from zpm2.view import overlay, unmatched
 from zpm2.view.overlay import GAP, HEADER, OTHER_REASON, _layout, _places
 from zpm2.view.palette import COMPARE_ALL, distinct_colors
-from zpm2.view.panel import CROWD, _pole, dashes
+from zpm2.view.panel import CROWD, dashes
 
 
 def _box(index, x0, y0, x1, y1, hole=None):
@@ -118,21 +118,6 @@ def test_neighbours_have_different_colours(columns, rows):
     grid = np.array(distinct_colors(*_places(boxes))).reshape(rows, columns, 3)
     for step in (np.diff(grid, axis=0), np.diff(grid, axis=1)):
         assert (np.linalg.norm(step, axis=2) > 60).all()
-
-
-@given(st.integers(5, 60), st.integers(5, 60), st.integers(0, 40))
-def test_the_place_of_a_label_is_inside_and_free(width, height, taken):
-    mask = np.zeros((70, 70), np.uint8)
-    mask[3 : 3 + height, 4 : 4 + width] = 255
-    free = np.full_like(mask, 255)
-    free[:, :taken] = 0
-    (x, y), radius = _pole(mask, free)
-    assert mask[y, x]
-    room = min(height, 4 + width - max(taken, 4))
-    assert radius <= max(width, height)
-    if room > 4:
-        assert free[y, x]
-        assert radius == pytest.approx(room / 2, rel=0.15, abs=1.1)
 
 
 def test_polygons_that_leave_the_image_and_empty_results():
@@ -316,15 +301,15 @@ def test_unmatched_polygons_have_the_colour_of_their_reason(monkeypatch):
     assert np.array_equal(inside[1], b[230, 420])
     assert np.array_equal(inside[0], a[1100, 1500])  # matched: no fill
     assert len({tuple(color) for color in inside}) == 4
-    (_, _, title, _, subject, keys), *_ = said
-    assert title == "4 of 5 left and 1 of 2 right polygons without a partner"
-    assert subject == "reason"
-    assert [key.text for key in keys] == [
+    (_, _, legend, _), *_ = said
+    assert legend.title == "4 of 5 left and 1 of 2 right polygons without a partner"
+    assert legend.subject == "reason"
+    assert [key.text for key in legend.keys] == [
         "occluded: 1 left, 0 right",
         "rejected: 2 left, 1 right",
         "of another kind: 1 left, 0 right",
     ]
-    for key in keys:
+    for key in legend.keys:
         assert (picture[:HEADER] == key.color).all(axis=2).any()
 
 

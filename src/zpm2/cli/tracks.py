@@ -23,6 +23,7 @@ from zpm2.cli.options import (
     Points,
     Preset,
     Quiet,
+    Report,
     Seed,
     Settings,
     WeightsDir,
@@ -55,6 +56,7 @@ def tracks(
     sheets: Annotated[
         int, typer.Option(min=0, help="Contact sheets to write, of the longest tracks.", rich_help_panel=RESULT)
     ] = 20,
+    page: Report = True,
     masks: Masks = None,
     mask_regions: MaskRegions = "keep",
     segmenter: Annotated[
@@ -81,8 +83,8 @@ def tracks(
     """Follow regions through many photographs.
 
     Writes tracks.json, a label image of each photograph (labels/) and coco.json, whose numbers are those of the tracks,
-    tracks.csv, and contact sheets of the longest tracks (sheets/); with --masks, masks of the regions in all tracks.
-    The next run uses finished pairs again.
+    tracks.csv, report.html (open it in a browser, or zpm2 view), and contact sheets of the longest tracks (sheets/);
+    with --masks, masks of the regions in all tracks. The next run uses finished pairs again.
     """
     from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.tracking import tracks as follow
@@ -111,7 +113,7 @@ def tracks(
         bars(quiet or as_json) as (progress, say),
     ):
         found = follow(photographs, config, pairs=pairs, kept=out / KEPT, progress=progress, say=say)
-        found.save(out, sheets)
+        found.save(out, sheets, report=page)
         told = list[str]()
         if masks:
             regions = ([polygon.shape for polygon in found.polygons(row)] for row in range(len(found.photographs)))
@@ -144,4 +146,5 @@ def _report(found: "TracksResult", out: Path, quiet: bool, as_json: bool, told: 
             f"{len(found.tracks)} tracks in {len(found.photographs)} photographs, {longer} of them in three or more; "
             f"{len(found.pairs)} pairs ({found.chosen}); {sum(found.timings.values()):.1f} s"
         )
-        print(f"Written: {out / 'tracks.json'}, labels, coco.json, tracks.csv, sheets")
+        page = " (open report.html, or run zpm2 view)" if (out / "report.html").is_file() else ""
+        print(f"Written: {out / 'tracks.json'}, labels, coco.json, tracks.csv, sheets{page}")

@@ -10,6 +10,7 @@ import typer
 from zpm2.errors import InputError
 
 CLOUD = "cloud.html"
+TRACKS = "tracks.json"
 
 
 def view(
@@ -21,9 +22,9 @@ def view(
 ) -> None:
     """Open a result in the browser.
 
-    Shows report.html of zpm2 match, carry, pose and demo, and cloud.html of zpm2 cloud. Makes report.html of zpm2 match
-    where it is missing. For an evaluation, and for a folder with results in folders below it, writes index.html: a
-    table of the pairs with thumbnails and links to their reports, the worst first.
+    Shows report.html of zpm2 match, carry, pose, tracks and demo, and cloud.html of zpm2 cloud. Makes that of zpm2
+    match where it is missing. For an evaluation, and for a folder with results in folders below it, writes index.html:
+    a table of the pairs with thumbnails and links to their reports, the worst first.
     """
     page = _page(out.parent if out.is_file() else out, reports).resolve()
     print(page)
@@ -42,6 +43,8 @@ def _page(folder: Path, reports: int) -> Path:
         from zpm2.result import save_report
 
         return save_report(folder)
+    if (folder / TRACKS).is_file():
+        raise InputError(f"{folder} has no {REPORT}: run zpm2 tracks again, which uses its finished pairs")
     from zpm2.evaluate.overview import found_below, save_overview
 
     found = found_below(folder)
@@ -49,7 +52,7 @@ def _page(folder: Path, reports: int) -> Path:
         return found[0] / REPORT
     if not found:
         raise InputError(
-            f"{folder} holds no result: give a folder that zpm2 match, carry, pose, demo, cloud or eval wrote, or one "
-            "with such folders in it"
+            f"{folder} holds no result: give a folder that zpm2 match, carry, pose, tracks, demo, cloud or eval wrote, "
+            "or one with such folders in it"
         )
     return save_overview(folder, reports, lambda name: print(f"report of {name}", file=sys.stderr))

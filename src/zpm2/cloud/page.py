@@ -1,8 +1,9 @@
-"""The polygon cloud as one self-contained HTML file: turn the scene, point at a polygon, read its attributes."""
+"""The polygon cloud as one self-contained HTML file: turn the scene, point at a polygon, read its attributes.
+
+Templates, modules and styles are those of the report (`view/report/page`).
+"""
 
 import base64
-import json
-from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from zpm2.cloud.display_mesh import NO_PATCH, DisplayMesh, display_mesh
 from zpm2.cloud.export import attributes
 from zpm2.cloud.result import PolygonCloud
+from zpm2.view.report.assets import render
 
 MAX_TRIANGLES = 300_000  # about, for the surface and for all patches, each; keeps a page below 30 MB
 FIELD_OF_VIEW = 0.7  # radians, from top to bottom
@@ -39,9 +41,7 @@ def page(cloud: PolygonCloud) -> str:
             _part("tubes", shown, shown.tube),
         ],
     }
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")  # no text in the data can end the script
-    template = resources.files("zpm2.cloud").joinpath("page.html").read_text(encoding="utf-8")
-    return template.replace("/*DATA*/", text)
+    return render("cloud.html", "cloud.js", data, title="Polygon cloud", about=data["about"])
 
 
 def _part(name: str, shown: DisplayMesh, rows: NDArray[np.bool_]) -> dict[str, str]:

@@ -12,12 +12,14 @@ from zpm2.config import RasterConfig, recorded
 from zpm2.files.photo_paths import photo_reference
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.convert import Members
+from zpm2.formats.saving import REPORT, Files, write_report
 from zpm2.model import Polygon
 from zpm2.model.brief import brief
 from zpm2.runtime import package_version
 from zpm2.tracking import files, sheets
 from zpm2.tracking.events import Event
 from zpm2.tracking.photographs import Photograph
+from zpm2.view.report import tracks as tracks_page
 
 SCHEMA, DOCUMENT = "zpm2-tracks/1", "tracks.json"
 SHEETS = 20  # contact sheets that are written unless the caller says otherwise
@@ -133,9 +135,9 @@ class TracksResult:
         """(h, w, 3) the region of a track (its id) in all its photographs. `InputError` where one cannot be read."""
         return next(iter(sheets.sheets(self.photographs, [self._plain(track)], self._raster())))
 
-    def save(self, directory: str | Path, sheet_count: int = SHEETS) -> Path:
+    def save(self, directory: str | Path, sheet_count: int = SHEETS, report: bool = False) -> Path:
         """Writes `labels/<photograph>.png`, `coco.json`, `tracks.csv`, `sheets/track_<id>.png` of the `sheet_count`
-        longest tracks, and at last `tracks.json`, into a folder, which is made; returns it.
+        longest tracks, if asked for `report.html`, and at last `tracks.json`, into a folder, which is made; returns it.
 
         Files of an earlier run are replaced, others never. `OutputError`, and `InputError` where a photograph cannot be
         read again.
@@ -151,8 +153,12 @@ class TracksResult:
         document = self.to_dict()
         for each in document["photographs"]:
             each |= photo_reference(each["path"], folder)
+        write_report(folder, self._report(document) if report else ())
         atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
         return folder
+
+    def _report(self, document: Members) -> Files:
+        yield REPORT, tracks_page.page(self.photographs, self.tracks, document, self.timings, self._raster())
 
     def _plain(self, id: int) -> sheets.Shown:
         track = self.tracks[id - 1]
@@ -169,7 +175,7 @@ def said(seen: SeenRegion) -> str:
 
 def file_names() -> list[str]:
     """The names of all files and folders that `TracksResult.save` writes."""
-    return [files.LABELS, files.COCO, files.TABLE, sheets.FOLDER, DOCUMENT]
+    return [files.LABELS, files.COCO, files.TABLE, sheets.FOLDER, REPORT, DOCUMENT]
 
 
 def _seen(name: str, seen: SeenRegion) -> Members:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 PALETTE_SIZE = 36
+LIGHTNESS = (48.0, 70.0, 92.0)  # of CIELAB, far enough apart that any colour vision tells neighbours apart by them
 COMPARE_ALL = 1000  # up to so many items, each is compared with all others; otherwise only with its neighbours
 NEIGHBORS = 16  # neighbours of each class of size
 
@@ -21,7 +22,7 @@ def distinct_colors(centers: Array, reach: Array) -> list[tuple[int, int, int]]:
     most. With more than `COMPARE_ALL` items, large items come first; time grows with n log n.
     """
     hues = np.deg2rad(np.arange(PALETTE_SIZE) * 137.508)
-    light = np.resize([62.0, 76.0, 88.0], PALETTE_SIZE)
+    light = np.resize(LIGHTNESS, PALETTE_SIZE)
     wanted = np.stack([light, 75 * np.cos(hues), 75 * np.sin(hues)], axis=1).astype(np.float32)
     rgb = np.clip(cv2.cvtColor(wanted[None], cv2.COLOR_Lab2RGB), 0, 1)
     palette = np.rint(rgb[0] * 255).astype(int)

@@ -1,14 +1,10 @@
-"""One photograph, muted, with coloured regions and their numbers: one half of a picture of a result."""
+"""One photograph, muted, with coloured regions: one half of a picture of a result. `labels` numbers them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import PIL.Image
-import PIL.ImageDraw
-import PIL.ImageFont
 from numpy.typing import NDArray
 
 from zpm2.errors import InputError
@@ -17,16 +13,14 @@ from zpm2.model import Image, Polygon
 Pixels = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-CROWD = 300  # with more regions than this, small ones have thin outlines and no numbers
+CROWD = 300  # with more regions than this, small ones have thin outlines, and none has a number beside it
 SMALL_REGION = 24  # px, the longer side of such a region
-MIN_LABEL = 15  # px, the smallest height of a number
 PALE_CROWD = 3000  # pale outlines of one photograph; more are fainter
 FAINTEST = 0.2  # 0..1 of the outlines' strength
-HALO = 2  # px around text
-MAX_OVERHANG = 2.0  # largest width of a label, in diameters of the free circle that it stands on
 SOLID = (1.0, 0.0)  # px drawn and px left out, alternating along an outline
 DARK = (24, 24, 27)
 PALE = (214, 214, 214)
+WHITE = (255, 255, 255)
 
 
 @dataclass(frozen=True)
@@ -60,16 +54,6 @@ class PanelRegion:
         """The longer side of the box, px."""
         x0, y0, x1, y1 = self.box
         return max(x1 - x0, y1 - y0)
-
-
-@dataclass(frozen=True)
-class Label:
-    """Text on a panel, white with a dark halo."""
-
-    text: str
-    at: tuple[float, float]  # panel px
-    size: int  # of the font, px
-    anchor: str
 
 
 def by_id(polygons: Sequence[Polygon], side: str) -> Mapping[int, Polygon]:
@@ -178,78 +162,3 @@ def dashes(ring: NDArray[np.float64], dash: tuple[float, float]) -> NDArray[np.f
     drawn = middle % period < period * dash[0] / sum(dash) if period else np.zeros(len(middle), bool)
     ends = np.stack([np.interp(cuts, along, closed[:, k]) for k in range(2)], axis=1)
     return np.stack([ends[:-1], ends[1:]], axis=1)[drawn]
-
-
-def labels_of(
-    order: Sequence[PanelRegion], masks: Sequence[Pixels], owner: NDArray[np.int32], name: str, crowded: bool
-) -> list[Label]:
-    """The name of the panel and the regions' numbers, small regions first.
-
-    Each number stands at the point farthest from the border of the visible part of its region and from earlier labels.
-    If there are many regions, numbers without room are left out; a number may cover tiny regions.
-    """
-    tiny = np.array([crowded and region.side < MIN_LABEL for region in order] + [False])
-    free = np.full(owner.shape, 255, np.uint8)
-    labels = [_place(Label(name, (10, 6), 16, "lt"), free)]
-    for k in reversed(range(len(order))):
-        x0, y0, x1, y1 = order[k].box
-        if not masks[k].any() or (crowded and min(x1 - x0, y1 - y0) < MIN_LABEL):
-            continue
-        above = owner[y0:y1, x0:x1]
-        seen = np.where((above == k) | tiny[above], masks[k], 0).astype(np.uint8)
-        spot, radius = _pole(seen if crowded or seen.any() else masks[k], free[y0:y1, x0:x1], not crowded)
-        label = Label(order[k].label, (x0 + spot[0], y0 + spot[1]), int(np.clip(radius * 0.9, MIN_LABEL, 28)), "mm")
-        if crowded:
-            u0, v0, u1, v1 = extent(label)
-            if min(x1 - x0, 2 * radius * MAX_OVERHANG) < u1 - u0 or min(y1 - y0, 2 * radius) < v1 - v0:
-                continue
-        labels.append(_place(label, free))
-    return labels
-
-
-def _pole(mask: Pixels, free: Pixels, anyhow: bool = True) -> tuple[tuple[int, int], float]:
-    """(x, y) of the pixel of `mask` farthest from its border and from pixels that are not `free`, and that distance.
-
-    anyhow: if there is no room, also use pixels that are not free.
-    """
-    for candidate in (cv2.bitwise_and(mask, free), mask):
-        padded = cv2.copyMakeBorder(candidate, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-        _, radius, _, (x, y) = cv2.minMaxLoc(cv2.distanceTransform(padded, cv2.DIST_L2, 3))
-        if radius > 1.5 or not anyhow:
-            break
-    return (x - 1, y - 1), float(radius)
-
-
-@cache
-def font(size: int) -> PIL.ImageFont.FreeTypeFont | PIL.ImageFont.ImageFont:
-    """The font of all texts, `size` px high."""
-    return PIL.ImageFont.load_default(size)
-
-
-def extent(label: Label) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 panel px of a label with its halo."""
-    ruler = PIL.ImageDraw.Draw(PIL.Image.new("RGB", (1, 1)))
-    return ruler.textbbox(label.at, label.text, font=font(label.size), anchor=label.anchor, stroke_width=HALO)
-
-
-def _place(label: Label, free: Pixels) -> Label:
-    """The label moved inside the panel; the place around it is no longer `free`."""
-    x0, y0, x1, y1 = extent(label)
-    height, width = free.shape
-    dx = max(0, 1 - x0) - max(0, x1 - width + 1)
-    dy = max(0, 1 - y0) - max(0, y1 - height + 1)
-    margin_x, margin_y = int(x1 - x0) // 2 + 2, int(y1 - y0) // 2 + 2  # half of a label of like size fits beside it
-    row = slice(max(0, int(y0 + dy) - margin_y), max(0, int(y1 + dy) + margin_y))
-    free[row, max(0, int(x0 + dx) - margin_x) : max(0, int(x1 + dx) + margin_x)] = 0
-    return replace(label, at=(label.at[0] + dx, label.at[1] + dy))
-
-
-def write(panel: Pixels, labels: Sequence[Label]) -> Pixels:
-    """The panel with its labels."""
-    picture = PIL.Image.fromarray(panel)
-    draw = PIL.ImageDraw.Draw(picture)
-    for label in labels:
-        draw.text(
-            label.at, label.text, (255, 255, 255), font(label.size), label.anchor, stroke_width=HALO, stroke_fill=DARK
-        )
-    return np.asarray(picture)

@@ -140,9 +140,68 @@ test("a packed document is unpacked", async () => {
 
 test("every module is valid and finds what it imports", async () => {
   const names = readdirSync(process.env.PAGE).filter((name) => name.endsWith(".js"));
-  assert.ok(names.includes("main.js"));
-  for (const name of ["main.js", "pairs.js"]) execFileSync(process.execPath, ["--check", `${process.env.PAGE}/${name}`]); // they start a page
-  for (const name of names) if (!["main.js", "pairs.js"].includes(name)) await load(name.slice(0, -3));
+  const pages = ["cloud.js", "main.js", "pairs.js", "tracks.js"]; // they start a page
+  for (const name of pages) execFileSync(process.execPath, ["--check", `${process.env.PAGE}/${name}`]);
+  for (const name of names) if (!pages.includes(name)) await load(name.slice(0, -3));
+});
+
+test("tracks: filters, order and table", async () => {
+  const { ordered, passes, rowsOf, tracksOf } = await load("trackitems");
+  const names = ["one.png", "two.png", "three.png"];
+  const seen = (photograph, confidence, carried = false) => ({ photograph, confidence, carried, area: 16, rings: [square(2, 2, 4)] });
+  const track = (id, where, absent = []) => ({ id, color: "#fff", closed: 0, absent, seen: where });
+  const { items: all, polygons } = tracksOf({
+    steps: 2,
+    photographs: names.map((name) => ({ name, scale: [0.5, 1] })),
+    tracks: [track(1, [seen(0, 0.9), seen(1, 0.6)], [[2, "hidden"]]), track(2, [seen(0, 1), seen(1, 0.9), seen(2, 0.8, true)]), track(12, [seen(1, 0.7), seen(2, 1)])],
+  });
+  assert.deepEqual(polygons.map((of) => of.map(({ id }) => id)), [[1, 2], [1, 2, 12], [2, 12]]);
+  assert.deepEqual(all[0].polygons.map((polygon) => polygon?.box ?? null), [[2, 1, 6, 3], [2, 1, 6, 3], null]);
+  const usual = state.TRACKS;
+  const those = (changes) => all.filter((item) => passes(item, { ...usual, ...changes }, names)).map(({ id }) => id);
+  assert.deepEqual(those({}), [1, 2, 12]);
+  assert.deepEqual(those({ photographs: 3 }), [2]);
+  assert.deepEqual(those({ min: 0.7, max: 0.75 }), [12]);
+  assert.deepEqual(those({ carried: true }), [2]);
+  assert.deepEqual(those({ text: "2" }), [2]);
+  assert.deepEqual(those({ text: "THREE" }), [2, 12]);
+  const order = (sort) => ordered(all, sort).map(({ id }) => id);
+  assert.deepEqual([order("length"), order("weakest"), order("id"), order("area")], [[2, 1, 12], [1, 12, 2], [1, 2, 12], [1, 2, 12]]);
+  const [, first, second] = downloads.csvText(rowsOf(all, names)).split("\r\n");
+  assert.equal(first, "1,2,0.6,0,0,one.png two.png,three.png: hidden");
+  assert.equal(second, "2,3,0.8,1,0,one.png two.png three.png,");
+  const some = { ...usual, select: "t2", across: 4, sort: "weakest" };
+  assert.deepEqual(state.fromFragment(`#${state.toFragment(some, usual)}`, usual), some);
+});
+
+test("the eye of a cloud turns around its target and moves with the pointer", async () => {
+  const { moved, nearer, seenFrom, spun, times } = await load("orbit");
+  const frame = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]; // z up, seen from -y
+  const eye = { yaw: 0.7, pitch: -0.3, distance: 2, target: [0.3, -0.2, 0.4] };
+  const at = ([matrix], point) => {
+    const p = [0, 1, 2, 3].map((row) => point.reduce((sum, value, k) => sum + matrix[row + 4 * k] * value, matrix[row + 12]));
+    return [p[0] / p[3], p[1] / p[3], p[2] / p[3]];
+  };
+  const near = (a, b) => assert.ok(Math.abs(a - b) < 1e-5, `${a} ${b}`);
+  for (const each of [eye, spun(eye, 1, 0.2), nearer(eye, 3)]) at(seenFrom(frame, each, 0.7, 1.5), eye.target).slice(0, 2).forEach((value) => near(value, 0));
+  const plain = seenFrom(frame, { yaw: 0, pitch: 0, distance: 2, target: [0, 0, 0] }, 0.7, 1.5);
+  assert.ok(at(plain, [0.1, 0, 0])[0] > 0 && at(plain, [0, 0, 0.1])[1] > 0);
+  assert.ok(at(plain, [0, -0.5, 0])[2] < at(plain, [0, 0.5, 0])[2]); // nearer to the views
+  assert.ok(at(seenFrom(frame, { ...eye, yaw: 0, target: [0, 0, 0] }, 0.7, 1.5), [0, -0.5, 0])[1] < 0); // from above
+  const half = Math.tan(0.35) * 2;
+  const [x, y] = at(seenFrom(frame, moved(frame, eye, half, half / 2), 0.7, 1), eye.target);
+  near(x, 1);
+  near(y, 0.5);
+  assert.equal(spun(eye, 0, 9).pitch, 1.57);
+  assert.equal(nearer(eye, 1e9).distance, 0.02);
+  assert.deepEqual([...times([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1], [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1])].slice(12), [5, 7, 9, 1]);
+});
+
+test("places of the polygons of a cloud", async () => {
+  const { placesOf } = await load("scene");
+  const packed = (values) => Buffer.from(Float32Array.from(values).buffer).toString("base64");
+  const part = { vertices: packed([0, 0, 0, 2, 0, 0, 9, 9, 9, 1, 4, 0]), ids: packed([1, 1, -1, 1]) };
+  assert.deepEqual(placesOf(part, 2), [null, { center: [1, 2, 0], size: Math.hypot(2, 4, 0) }]);
 });
 
 test("rows of pairs: sorted, those without a value last", async () => {

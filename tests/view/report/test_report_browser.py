@@ -270,3 +270,19 @@ def test_a_narrow_screen(browser: Browser, page: Path) -> None:
     browser.open(page)
     assert browser.run("document.documentElement.scrollWidth") <= 600
     browser.resize(1280, 800)
+
+
+def test_the_page_says_what_the_photographs_are_aligned_by(browser: Browser) -> None:
+    browser.press("2")
+    said = "document.getElementById('compared').textContent"
+    assert not browser.run("document.getElementById('compared').hidden")
+    assert "Aligned by homologous points" in browser.run(said)
+    choose(browser, "align", "epipolar")
+    assert "Rectified" in browser.run(said)
+    assert "80 % of the points are within 0.0 px" in browser.run(said)
+    assert painted(browser, "left", "photo", 160, 100)[3] == 255
+    choose(browser, "align", "homography")
+    assert browser.run("document.getElementById('compared').hidden")
+    assert "by homography: the scene is no plane" in browser.run("document.getElementById('no-compare').textContent")
+    browser.press("1")
+    assert browser.run("document.getElementById('no-compare').hidden")

@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 import PIL.Image
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from made import SHIFT, made, noise
 
+from zpm2 import geometry
 from zpm2.errors import Failed, InputError
 from zpm2.model import PointMatches, Polygon
 from zpm2.photos.source import InMemoryPhoto
@@ -200,3 +203,50 @@ def test_levels_of_tiles() -> None:
     found = dict(tiles.tiles(InMemoryPhoto(image), 2))
     assert sorted(found) == sorted([*(f"0-{i}-{j}.jpg" for i in range(3) for j in range(2)), "1-0-0.jpg", "1-1-0.jpg"])
     assert PIL.Image.open(io.BytesIO(found["1-1-0.jpg"])).size == (476, 550)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_rectified_points_stay_on_their_epipolar_lines(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    world = np.c_[random.uniform(-2, 2, (60, 2)), random.uniform(4, 9, 60)]
+    camera = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    turn = np.eye(3) + geometry.cross_matrix(random.normal(0, 0.03, 3))
+    move = random.normal(0, 1, 3) * (1, 1, 0.3)
+    move *= 0.5 / np.linalg.norm(move)
+    left, right = world @ camera.T, (world @ turn.T + move) @ camera.T
+    points = PointMatches(left[:, :2] / left[:, 2:], right[:, :2] / right[:, 2:], np.ones(60))
+    inverse = np.linalg.inv(camera)
+    fundamental = inverse.T @ geometry.cross_matrix(move) @ turn @ inverse
+    found = alignment.rectifying(fundamental, points)
+    assert not isinstance(found, Failed)
+    moved = geometry.project(found, points.left)
+    assert geometry.epipolar_distance(fundamental, points.left, moved).max() < 1e-3
+    away = np.linalg.norm(moved - points.right, axis=1).sum()
+    for depth in (4.5, 5.5, 6.5, 8.0):  # no plane parallel to the photographs brings them nearer to their partners
+        plane = camera @ (turn + np.outer(move, (0, 0, 1)) / depth) @ inverse
+        there = geometry.project(plane, points.left)
+        assert away <= 1.02 * np.linalg.norm(there - points.right, axis=1).sum()
+
+
+def test_the_page_is_rectified_where_that_brings_points_nearer() -> None:
+    random = np.random.default_rng(0)
+    left = random.uniform(0, 300, (200, 2))
+    points = PointMatches(left, left - np.c_[random.uniform(10, 14, 200), np.zeros(200)], np.ones(200))
+    sideways = np.array([[0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+    rectified = alignment.rectifying(sideways, points)
+    assert not isinstance(rectified, Failed)
+    assert rectified / rectified[2, 2] == pytest.approx(np.array([[1, 0, -12], [0, 1, 0], [0, 0, 1.0]]), abs=0.5)
+    wrong, right = np.eye(3), np.array([[1, 0, -12.0], [0, 1, 0], [0, 0, 1]])
+    chosen, other = alignment.better(rectified, wrong, points)
+    assert chosen is rectified
+    assert "the epipolar lines fit better (80 % of the homologous points lie within" in str(other)
+    exact = dataclasses.replace(points, right=left - (12, 0))
+    other, chosen = alignment.better(np.eye(3), right, exact)
+    assert chosen is right
+    assert "the homography fits better" in str(other)
+    none = Failed("no F")
+    assert alignment.better(none, right, points) == (none, right)
+    assert alignment.rectifying(none, points) is none
+    assert isinstance(alignment.rectifying(sideways, points[np.arange(2)]), Failed)
+    assert alignment.within(right, points[np.arange(0)]) is None

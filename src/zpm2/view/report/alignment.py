@@ -12,6 +12,10 @@ from zpm2.model import PointMatches
 
 NEIGHBORS = 8  # points that a point is compared with
 STRAY = 0.06  # of the picture's longer side; a point that moves so much unlike its neighbours is a wrong one
+ROUNDS = 20  # of weights
+BEHIND = 0.01  # share of the points that may lie behind a camera
+MOST = 0.8  # of the points, by which homographies are compared
+FAR = 1e6  # px, of a point that a homography takes behind the horizon
 MESH = 8  # px of the left picture between two points of the map, which is interpolated in between
 
 Pixels = NDArray[np.uint8]
@@ -32,6 +36,62 @@ def by_homography(
     matrix = geometry.for_opencv(right_scale @ homography @ np.linalg.inv(left_scale))
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpPerspective(_opaque(right), matrix, size, flags=how), np.uint8)
+
+
+def rectifying(fundamental: Array | Failed, points: PointMatches) -> Array | Failed:
+    """(3, 3) p_right ~ H p_left that keeps every point on its epipolar line and leaves the points the least to move
+    along it: with it, the photographs are a rectified pair in the frame of the left one.
+
+    The homographies that agree with F are [e']x F - e' v^T, of which v is fitted to the points by the sum of their
+    distances, with weights that are renewed (Hartley and Zisserman, Multiple View Geometry, 2nd ed., 13.6). `Failed`
+    without a fundamental matrix, with fewer than three points, or where the plane cannot be seen by both photographs.
+    """
+    if isinstance(fundamental, Failed):
+        return fundamental
+    if len(points) < 3:
+        return Failed("there are fewer than three homologous points")
+    unit = max(float(np.abs(points.left).max()), float(np.abs(points.right).max()), 1.0)
+    to_unit, to_px = np.diag([1 / unit, 1 / unit, 1.0]), np.diag([unit, unit, 1.0])
+    matrix = to_px @ fundamental @ to_px
+    epipole = np.linalg.svd(matrix)[0][:, 2]  # the right one: F^T e' = 0
+    turned = geometry.cross_matrix(epipole) @ (matrix / np.linalg.norm(matrix))
+    left, right = geometry.homogeneous(points.left / unit), geometry.homogeneous(points.right / unit)
+    free = np.cross(right, epipole)
+    length = np.maximum(np.linalg.norm(free, axis=1), 1e-12)
+    wanted = (np.cross(right, left @ turned.T) * free).sum(1) / length
+    weights = np.ones(len(left))
+    for _ in range(ROUNDS):
+        v = np.linalg.lstsq(left * (length * weights)[:, None], wanted * weights, rcond=None)[0]
+        found = turned - np.outer(epipole, v)
+        depth = (left @ found.T)[:, 2]
+        there = (left @ found.T)[:, :2] / np.where(depth == 0, 1e-12, depth)[:, None]
+        away = np.linalg.norm(there - right[:, :2], axis=1)
+        weights = 1 / np.sqrt(np.maximum(away, 1 / unit)) / np.maximum(np.abs(depth), 1e-12)
+    if min((depth > 0).mean(), (depth < 0).mean()) > BEHIND:
+        return Failed("no plane along the epipolar lines lies before both cameras")
+    return np.asarray(to_px @ found @ to_unit)
+
+
+def within(homography: Array | Failed, points: PointMatches) -> float | None:
+    """px of the right photograph within which a homography brings `MOST` of the left points to their partners; None
+    without it or without points."""
+    if isinstance(homography, Failed) or not len(points):
+        return None
+    away = np.linalg.norm(geometry.project(homography, points.left) - points.right, axis=1)
+    return float(np.quantile(np.nan_to_num(away, nan=FAR), MOST))
+
+
+def better(rectified: Array | Failed, plane: Array | Failed, points: PointMatches) -> tuple[Array | Failed, ...]:
+    """Of both homographies the one that brings most points nearer to their partners; the other one as `Failed`."""
+    first, second = within(rectified, points), within(plane, points)
+    if first is None or second is None:
+        return rectified, plane
+    said = f"{100 * MOST:.0f} % of the homologous points lie within"
+    if first < second:
+        return rectified, Failed(
+            f"the epipolar lines fit better ({said} {first:.1f} px, by the homography {second:.1f} px)"
+        )
+    return Failed(f"the homography fits better ({said} {second:.1f} px, by the epipolar lines {first:.1f} px)"), plane
 
 
 def by_points(

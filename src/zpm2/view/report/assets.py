@@ -8,13 +8,19 @@ disk work.
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from importlib import resources
 
+import cv2
 import jinja2
+import numpy as np
+from numpy.typing import NDArray
 
 PAGE = resources.files("zpm2.view.report").joinpath("page")
 PREFIX = "#report/"
+IMPORTED = re.compile(rf'from "{PREFIX}([a-z]+\.js)"')
+QUALITY = 85  # 1..100, of the pictures (WebP)
 
 
 def render(template: str, main: str, data: Mapping[str, object], **values: object) -> str:
@@ -29,7 +35,7 @@ def render(template: str, main: str, data: Mapping[str, object], **values: objec
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    imports = json.dumps({"imports": {PREFIX + name: _url(name) for name in _modules()}})
+    imports = json.dumps({"imports": {PREFIX + name: _url(name) for name in _modules(main)}})
     start = f'import "{PREFIX}{main}";'
     return environment.get_template(template).render(
         style=_text("report.css"),
@@ -51,8 +57,22 @@ def data_url(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _modules() -> list[str]:
-    return sorted(each.name for each in PAGE.iterdir() if each.name.endswith(".js"))
+def picture_url(picture: NDArray[np.uint8]) -> str:
+    """(h, w, 3 or 4) RGB or RGBA as an address."""
+    order = cv2.COLOR_RGB2BGR if picture.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+    _, packed = cv2.imencode(".webp", cv2.cvtColor(picture, order), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return data_url("image/webp", packed.tobytes())
+
+
+def _modules(main: str) -> list[str]:
+    """The names of a module and of all that it needs, sorted."""
+    found, left = set[str](), [main]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left += IMPORTED.findall(_text(name))
+    return sorted(found)
 
 
 def _text(name: str) -> str:

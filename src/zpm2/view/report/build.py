@@ -17,13 +17,13 @@ from zpm2.formats.saving import REPORT, TILES
 from zpm2.model import SIDES, Image
 from zpm2.photos.reopen import pixels, reopened
 from zpm2.view.report import alignment, content, tiles
-from zpm2.view.report.assets import data_url, render
+from zpm2.view.report.assets import data_url, picture_url, render
 from zpm2.view.report.content import Words
 
 LONGEST = 1600  # px, the longer side of a photograph in the page
 HELD = 16_000_000  # bytes of the matches.json that the page itself holds, packed; a larger one has to lie beside it
 LARGE = 2400  # px, the longer side from which on a photograph can be seen at full size, from files beside the page
-QUALITY = 85  # 1..100, of the pictures (WebP)
+PLANES = ("epipolar", "homography")  # ways to lay the right photograph over the left one as a whole
 WORDS = Words()
 
 Pixels = NDArray[np.uint8]
@@ -64,16 +64,24 @@ def _page(result: PairResult, document: Members, config: RasterConfig, words: Wo
         np.array(size) / (side.width, side.height) for size, side in zip(sizes, sides, strict=True)
     )
     scales = left_scale, right_scale
+    planes = alignment.better(alignment.rectifying(result.fundamental, result.points), result.homography, result.points)
     aligned = {
         "points": alignment.by_points(shown[1], result.points, scales, sizes[0]),
-        "homography": alignment.by_homography(shown[1], result.homography, scales, sizes[0]),
+        **{
+            how: alignment.by_homography(shown[1], plane, scales, sizes[0])
+            for how, plane in zip(PLANES, planes, strict=True)
+        },
     }
-    pictures = [{"name": name, "url": _url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
-    pictures += [{"name": how, "url": _url(made)} for how, made in aligned.items() if not isinstance(made, Failed)]
+    pictures = [{"name": name, "url": picture_url(picture)} for name, picture in zip(SIDES, shown, strict=True)]
+    pictures += [
+        {"name": how, "url": picture_url(made)} for how, made in aligned.items() if not isinstance(made, Failed)
+    ]
     sharpest = [np.ones(2) if count else scale for count, scale in zip(counts, scales, strict=True)]
     data = content.pair(result, (sharpest[0], sharpest[1]), words) | {
         "tiles": [{"folder": TILES, "side": tiles.SIDE, "levels": count} if count else None for count in counts],
         "aligned": {how: str(made) if isinstance(made, Failed) else None for how, made in aligned.items()},
+        "within": {how: alignment.within(plane, result.points) for how, plane in zip(PLANES, planes, strict=True)},
+        "most": alignment.MOST,
         "run": content.run(document),
     }
     names = [os.path.basename(side.path) if side.path else name for side, name in zip(sides, SIDES, strict=True)]
@@ -100,10 +108,3 @@ def _shown(image: Image) -> Pixels:
         return image.rgb
     size = max(1, round(image.width * factor)), max(1, round(image.height * factor))
     return np.asarray(cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _url(picture: Pixels) -> str:
-    """(h, w, 3 or 4) RGB or RGBA as an address."""
-    order = cv2.COLOR_RGB2BGR if picture.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
-    _, packed = cv2.imencode(".webp", cv2.cvtColor(picture, order), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    return data_url("image/webp", packed.tobytes())

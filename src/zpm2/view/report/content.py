@@ -53,7 +53,7 @@ def pair(result: PairResult, scales: tuple[Array, Array], words: Words) -> dict[
         "document": words.document,
         "fundamental": _matrix(result.fundamental),
         "homography": _matrix(result.homography),
-        "reasons": {name: _hex(color) for name, color in [*REASONS.items(), *CARRIED.items(), (UNKNOWN, OTHER_REASON)]},
+        "reasons": {name: hex_color(color) for name, color in {**REASONS, **CARRIED, UNKNOWN: OTHER_REASON}.items()},
     }
 
 
@@ -91,7 +91,7 @@ def _match(match: PolygonMatch, color: Color) -> dict[str, object]:
         "dsf": match.dsf,
         "overlap": round(match.overlap, 4),
         "visible": _known(match.visible),
-        "color": _hex(color),
+        "color": hex_color(color),
     }
 
 
@@ -134,7 +134,8 @@ def _matrix(matrix: Array | Failed) -> dict[str, object]:
     return {"matrix": matrix.tolist(), "failed": None}
 
 
-def _hex(color: Iterable[int]) -> str:
+def hex_color(color: Iterable[int]) -> str:
+    """#rrggbb."""
     return "#" + "".join(f"{value:02x}" for value in color)
 
 

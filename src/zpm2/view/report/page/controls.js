@@ -3,6 +3,7 @@
 import { make, shown, the } from "#report/dom.js";
 import { csv, offer, readVerdicts, unpacked, verdictsDocument } from "#report/downloads.js";
 import { CONFIDENCE, STAGES } from "#report/items.js";
+import { connectReset, connectState } from "#report/shell.js";
 import { DEFAULTS } from "#report/state.js";
 
 /** Check boxes for the stages and reasons that occur. */
@@ -24,25 +25,12 @@ function toggleHidden(report, name) {
   report.set({ hide: hide.includes(name) ? hide.filter((each) => each !== name) : [...hide, name] });
 }
 
-/** Every element with data-state shows a member of the state and changes it. */
+/** Makes all controls work. */
 export function connectControls(report) {
-  for (const element of document.querySelectorAll("[data-state]")) {
-    const name = element.dataset.state;
-    element.addEventListener("input", () => {
-      if (element.type === "checkbox") report.set({ [name]: element.checked });
-      else if (typeof DEFAULTS[name] === "number") report.set({ [name]: element.value === "" ? DEFAULTS[name] : Number(element.value) });
-      else report.set({ [name]: element.value });
-    });
-  }
-  the("filters").addEventListener("submit", (event) => event.preventDefault());
-  the("filters").addEventListener("reset", (event) => {
-    event.preventDefault();
-    const { show, hide, min, max, least, most, text } = DEFAULTS;
-    report.set({ show, hide, min, max, least, most, text });
-  });
+  connectState(DEFAULTS, (changes) => report.set(changes));
+  connectReset(DEFAULTS, ["show", "hide", "min", "max", "least", "most", "text"], (changes) => report.set(changes));
   for (const tab of ["list", "run"]) the(`tab-${tab}`).addEventListener("click", () => report.set({ tab }));
   the("theme").addEventListener("click", () => report.turnTheme());
-  the("help-button").addEventListener("click", () => the("help").showModal());
   the("fit").addEventListener("click", () => report.fit());
   the("play").addEventListener("click", () => report.play(!report.playing));
   for (const button of document.querySelectorAll("[data-offer]")) {

@@ -1,11 +1,10 @@
 // One item close up: both chips side by side, its numbers, and the person's verdict.
 
+import { closeUp, sizeOf } from "#report/closeup.js";
 import { make, shown } from "#report/dom.js";
 import { WHY, confidenceColor, expectedPlace } from "#report/items.js";
 
 const [WIDTH, HEIGHT] = [199, 140]; // px of a chip
-const AROUND = 0.35; // of the longer side of a polygon, on each side of it
-const LEAST = 24; // px of the photograph, the least side of a chip
 
 /** Writes an item into an element. page: {panels, items, verdicts, on: {verdict(item, verdict), select(key)}}. */
 export function showDetail(element, item, page) {
@@ -91,8 +90,6 @@ function chip(item, side, page) {
   const panel = page.panels[side];
   const name = side ? "Right" : "Left";
   const canvas = make("canvas", { role: "img", "aria-label": `${name} close-up` });
-  const ratio = window.devicePixelRatio || 1;
-  [canvas.width, canvas.height] = [WIDTH * ratio, HEIGHT * ratio];
   const polygon = item.polygons[side];
   const other = item.polygons[1 - side];
   const expected = polygon ? null : expectedPlace(page.items, 1 - side, other.center);
@@ -100,23 +97,8 @@ function chip(item, side, page) {
   if (!polygon && !expected) return nothing("expected place not known");
   if (!polygon && !panel.holds(expected.point)) return nothing("expected place beyond the border");
   const center = polygon ? polygon.center : expected.point;
-  const size = (box) => [box[2] - box[0], box[3] - box[1]];
-  const extent = polygon ? size(polygon.box) : size(other.box).map((v) => v * expected.factor);
-  const around = 2 * AROUND * Math.max(...extent);
-  const zoom = Math.min(WIDTH / Math.max(extent[0] + around, LEAST), HEIGHT / Math.max(extent[1] + around, LEAST));
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio * zoom, 0, 0, ratio * zoom, ratio * (WIDTH / 2 - zoom * center[0]), ratio * (HEIGHT / 2 - zoom * center[1]));
-  context.imageSmoothingQuality = "high";
-  context.drawImage(panel.picture, 0, 0, panel.side.width, panel.side.height);
-  const half = [WIDTH / zoom / 2, HEIGHT / zoom / 2];
-  panel.tiles?.draw(context, [center[0] - half[0], center[1] - half[1], center[0] + half[0], center[1] + half[1]], zoom * ratio);
-  if (polygon) {
-    for (const [width, color] of [[3.5, "rgba(0, 0, 0, 0.6)"], [1.5, "#ffe14d"]]) {
-      context.lineWidth = width / zoom;
-      context.strokeStyle = color;
-      context.stroke(polygon.path);
-    }
-  }
+  const extent = polygon ? sizeOf(polygon.box) : sizeOf(other.box).map((v) => v * expected.factor);
+  closeUp(canvas, panel, [WIDTH, HEIGHT], center, extent, polygon);
   const caption = polygon ? `${name} ${polygon.id}` : `${name}: expected place, moved as the nearest matches`;
   return make("figure", { class: "chip" }, canvas, make("figcaption", {}, caption));
 }

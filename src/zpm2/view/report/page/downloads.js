@@ -4,7 +4,7 @@ const COLUMNS = ["kind", "id", "left", "right", "left_label", "right_label", "le
 const MORE = ["cost", "dsf", "stage", "overlap", "visible", "why", "verdict"];
 export const VERDICTS = "zpm2-verdicts/1";
 
-/** A table of items as comma-separated values (RFC 4180), with the verdict of each. */
+/** A table of items, with the verdict of each. */
 export function csv(items, verdicts) {
   const rows = items.map((item) => {
     const [left, right] = item.polygons;
@@ -12,7 +12,12 @@ export function csv(items, verdicts) {
     const { confidence, cost, dsf, stage, overlap, visible, why } = item;
     return [item.kind, item.id, ...ids, confidence, cost, dsf, stage, overlap, visible, why, verdicts[item.key]];
   });
-  return [[...COLUMNS, ...MORE], ...rows].map((row) => row.map(field).join(",") + "\r\n").join("");
+  return csvText([[...COLUMNS, ...MORE], ...rows]);
+}
+
+/** Rows of values as comma-separated values (RFC 4180). */
+export function csvText(rows) {
+  return rows.map((row) => `${row.map(field).join(",")}\r\n`).join("");
 }
 
 function field(value) {

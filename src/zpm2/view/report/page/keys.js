@@ -1,6 +1,6 @@
 // The keyboard.
 
-import { the } from "#report/dom.js";
+import { connectKeys } from "#report/shell.js";
 
 const COLORS = ["match", "confidence", "stage", "why"];
 const CURTAIN = 0.02; // of the panel's width, a step of the curtain
@@ -45,21 +45,6 @@ export function onKeys(report) {
       report.set({ tab: "list" });
       document.querySelector('[data-state="text"]').focus();
     },
-    "?": () => the("help").showModal(),
   };
-  actions["="] = actions["+"];
-  addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || the("help").open) return;
-    const { target } = event;
-    if (target.matches("input:not([type=checkbox], [type=radio]), select, textarea")) {
-      if (event.key === "Escape") target.blur();
-      return;
-    }
-    if (target.matches("button, summary, input, label") && [" ", "Enter"].includes(event.key)) return;
-    if (target.matches("input[type=radio]") && event.key.startsWith("Arrow")) return;
-    const action = Object.hasOwn(actions, event.key) ? actions[event.key] : null;
-    if (!action) return;
-    event.preventDefault();
-    action();
-  });
+  connectKeys(actions);
 }

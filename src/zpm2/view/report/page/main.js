@@ -1,6 +1,7 @@
 // The report of a pair: puts state, photographs, table and details together.
 
 import { connectControls, listChoices, showLegend } from "#report/controls.js";
+import { WAYS, comparison } from "#report/comparison.js";
 import { shown, the } from "#report/dom.js";
 import { showDetail } from "#report/detail.js";
 import { clipLine, multiply, transposed } from "#report/geometry.js";
@@ -9,8 +10,9 @@ import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
+import { keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
 import { fromFragment, toFragment } from "#report/state.js";
-import { Table } from "#report/table.js";
+import { PAIR_COLUMNS, Table } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
@@ -38,10 +40,12 @@ class Report {
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.on = { verdict: (item, verdict) => this.judge(item, verdict), select: (key) => this.set({ select: key }) };
     const labels = this.polygons.flat().some((polygon) => polygon.label);
-    this.table = new Table(the("table-head"), the("table-body"), labels, {
+    the("table").classList.toggle("labelled", labels);
+    this.table = new Table(the("table-head"), the("table-body"), PAIR_COLUMNS.filter(([name]) => name !== "label" || labels), {
       sort: (column) => this.set({ sort: column, down: this.state.sort === column && !this.state.down }),
       select: (item) => this.choose(item),
       hover: (item) => this.hover(item),
+      color: (item) => paintOf(item, this.state.color, this.reasons).color,
     });
   }
 
@@ -69,8 +73,7 @@ class Report {
   /** Changes members of the state, and the address with it. */
   set(changes) {
     this.adopt({ ...this.state, ...changes });
-    const fragment = toFragment(this.state);
-    history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
+    keepAddress(toFragment(this.state));
   }
 
   /** Shows a state. */
@@ -83,19 +86,10 @@ class Report {
       this.marks();
       return;
     }
-    document.documentElement.dataset.theme = state.theme;
+    showState(state);
+    showTab(["list", "run"], state.tab);
     document.body.dataset.mode = state.mode;
-    for (const element of document.querySelectorAll("[data-state]")) {
-      const value = state[element.dataset.state];
-      if (element.type === "checkbox") element.checked = value;
-      else if (element.type === "radio") element.checked = element.value === value;
-      else if (element !== document.activeElement) element.value = value === 0 && element.dataset.state === "most" ? "" : value;
-    }
     for (const box of the("chosen").querySelectorAll("input")) box.checked = !state.hide.includes(box.value);
-    for (const tab of ["list", "run"]) {
-      the(tab).hidden = state.tab !== tab;
-      the(`tab-${tab}`).setAttribute("aria-selected", state.tab === tab);
-    }
     for (const item of this.items) {
       item.verdict = this.verdicts[item.key];
       const through = passes(item, state);
@@ -104,7 +98,7 @@ class Report {
     this.listed = sorted(this.items.filter((item) => passes(item, state)), state.sort, state.down);
     const judged = Object.keys(this.verdicts).length;
     the("listed").textContent = `${shown(this.listed.length)} of ${shown(this.items.length)} shown${judged ? `, ${judged} judged` : ""}`;
-    this.table.show(this.listed, state, this.verdicts, this.reasons);
+    this.table.show(this.listed, state);
     if (state.select !== before.select || before === state) this.table.reveal(state.select);
     showLegend(this);
     this.compare();
@@ -114,7 +108,8 @@ class Report {
 
   /** Lays the aligned right photograph over the left one, or takes it away. */
   compare() {
-    const { mode, align } = this.state;
+    const { mode } = this.state;
+    const align = this.align;
     const [left] = this.panels;
     const failed = mode === "side" ? null : this.data.aligned[align];
     const was = left.over;
@@ -122,8 +117,16 @@ class Report {
     if (left.over && (!was || this.was !== mode)) left.edge = mode === "curtain" ? 0.5 : 1;
     this.was = mode;
     the("no-compare").hidden = !failed;
-    the("no-compare").textContent = failed ? `The photographs cannot be laid over each other by ${align}: ${failed}` : "";
+    the("no-compare").textContent = failed ? `The photographs cannot be laid over each other by ${WAYS[align]}: ${failed}` : "";
+    the("compared").hidden = mode === "side" || Boolean(failed);
+    the("compared").textContent = comparison(align, this.data);
+    document.querySelector('[data-state="align"]').value = align;
     the("play").textContent = this.playing ? "Pause" : "Play";
+  }
+
+  /** What curtain and blink are aligned by. */
+  get align() {
+    return this.state.align || (["points", "epipolar", "homography"].find((how) => !this.data.aligned[how]) ?? "points");
   }
 
   blink() {
@@ -215,8 +218,7 @@ class Report {
   }
 
   turnTheme() {
-    const dark = this.state.theme ? this.state.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-    this.set({ theme: dark ? "light" : "dark" });
+    this.set({ theme: otherTheme(this.state) });
   }
 
   hover(item, cursor = null) {

@@ -2,6 +2,7 @@
 
 import { make, shown, the } from "#report/dom.js";
 import { ordered } from "#report/rows.js";
+import { keepAddress, otherTheme } from "#report/shell.js";
 
 const data = JSON.parse(the("data").textContent);
 const state = { sort: "", down: false, text: "" };
@@ -39,7 +40,7 @@ function row({ name, link, remark, thumbnail, values }) {
 
 function keep() {
   const words = new URLSearchParams(Object.entries(state).filter(([, value]) => value).map(([name, value]) => [name, String(value)]));
-  history.replaceState(null, "", words.size ? `#${words}` : location.pathname + location.search);
+  keepAddress(String(words));
   show();
 }
 
@@ -55,9 +56,8 @@ the("search").addEventListener("input", ({ target }) => {
   keep();
 });
 the("theme").addEventListener("click", () => {
-  const root = document.documentElement;
-  const dark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  root.dataset.theme = dark ? "light" : "dark";
+  const { dataset } = document.documentElement;
+  dataset.theme = otherTheme(dataset);
 });
 addEventListener("hashchange", adopt);
 adopt();

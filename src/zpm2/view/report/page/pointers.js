@@ -2,11 +2,12 @@
 
 const STILL = 4; // px that a click may move
 
-export function pointers(report) {
-  report.panels.forEach((panel, side) => listen(report, panel, side));
+/** scrolls: whether the wheel scrolls the page, and zooms only with the control key, which a pinch on a touchpad is, too. */
+export function pointers(report, scrolls = false) {
+  report.panels.forEach((panel, side) => listen(report, panel, side, scrolls));
 }
 
-function listen(report, panel, side) {
+function listen(report, panel, side, scrolls) {
   const { element } = panel;
   const down = new Map(); // pointer id -> place
   let moved = 0;
@@ -67,6 +68,7 @@ function listen(report, panel, side) {
   element.addEventListener(
     "wheel",
     (event) => {
+      if (scrolls && !event.ctrlKey) return;
       event.preventDefault();
       const lines = event.deltaMode === 1 ? 20 : 1;
       report.zoom(panel, place(event), Math.exp(-0.0015 * lines * event.deltaY));

@@ -2,10 +2,9 @@
 
 import { make, shown } from "#report/dom.js";
 
-/** Fills the tab. */
+/** Fills the tab for a pair. */
 export function showRun(element, data) {
   const { run } = data;
-  const total = Object.values(data.timings).reduce((sum, value) => sum + value, 0);
   const facts = [
     ["zpm2", run.version],
     ["Same scene", run.same_scene === null || run.same_scene === undefined ? "not estimated" : `probability ${shown(run.same_scene, 2)}`],
@@ -13,13 +12,19 @@ export function showRun(element, data) {
     ["Homography", data.homography.matrix ? "estimated" : data.homography.failed],
     ...data.sides.map((side) => [side.name === "left" ? "Left" : "Right", `${side.path ?? "given as pixels"}, ${side.width} × ${side.height} px`]),
   ];
+  showFacts(element, facts, run, data.timings);
+}
+
+/** Fills the tab: names and values of facts, what the run said, seconds by stage, and its configuration. */
+export function showFacts(element, facts, run, timings) {
+  const total = Object.values(timings).reduce((sum, value) => sum + value, 0);
   element.replaceChildren(
     ...messages("Warnings", run.warnings, "warnings"),
     make("h3", {}, "Result"),
     make("table", {}, facts.map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, String(value))))),
     ...messages("Notes", run.notes, "notes"),
     make("h3", {}, `Timings: ${shown(total, 1)} s`),
-    make("table", { class: "timings" }, Object.entries(data.timings).map(([stage, seconds]) => timing(stage, seconds, total))),
+    make("table", { class: "timings" }, Object.entries(timings).map(([stage, seconds]) => timing(stage, seconds, total))),
     make("h3", {}, "Configuration"),
     make("pre", {}, JSON.stringify(run.config, null, 2)),
   );

@@ -1,27 +1,27 @@
 // The table of items. Only the rows in sight are elements, so that thousands of rows stay quick.
 
 import { make, shown } from "#report/dom.js";
-import { paintOf } from "#report/items.js";
 
 const ROW = 26; // px, as in report.css
 const SPARE = 8; // rows above and below those in sight
-const COLUMNS = [
-  ["id", "Id", "the match's id, or that of a polygon without a partner"],
-  ["label", "Label", "the left polygon's label"],
-  ["stage", "Stage / why", "the stage that found the match, or why there is none"],
-  ["confidence", "Conf.", "chance that the match is right"],
-  ["area", "Area", "px² of the polygon, of the left one in a match"],
-  ["cost", "Cost", "cost ζ: lower is better"],
-  ["dsf", "DSF", "homologous points inside both polygons"],
-  ["verdict", "✓", "your verdict"],
+
+/** The columns of a pair: name, title, meaning, and the text of an item. */
+export const PAIR_COLUMNS = [
+  ["id", "Id", "the match's id, or that of a polygon without a partner", (item) => (item.kind === "match" ? String(item.id) : `${item.id} ${item.kind[0].toUpperCase()}`)],
+  ["label", "Label", "the left polygon's label", (item) => item.label],
+  ["stage", "Stage / why", "the stage that found the match, or why there is none", (item) => item.stage ?? item.why],
+  ["confidence", "Conf.", "chance that the match is right", (item) => shown(item.confidence, 2)],
+  ["area", "Area", "px² of the polygon, of the left one in a match", (item) => shown(item.area)],
+  ["cost", "Cost", "cost ζ: lower is better", (item) => shown(item.cost, 2)],
+  ["dsf", "DSF", "homologous points inside both polygons", (item) => shown(item.dsf)],
+  ["verdict", "✓", "your verdict", (item) => ({ right: "✓", wrong: "✗" })[item.verdict] ?? ""],
 ];
 
 export class Table {
-  /** head, body: elements of the page. labels: whether any polygon has one. on: {sort(column), select(item), hover(item or null)}. */
-  constructor(head, body, labels, on) {
-    Object.assign(this, { head, body, on });
-    this.columns = COLUMNS.filter(([name]) => name !== "label" || labels);
-    body.parentElement.classList.toggle("labelled", labels);
+  /** head, body: elements of the page. columns: as `PAIR_COLUMNS`. on: {sort(column), select(item), hover(item or null),
+   * color(item)}. */
+  constructor(head, body, columns, on) {
+    Object.assign(this, { head, body, columns, on });
     this.space = make("div", { class: "space", role: "presentation" });
     body.append(this.space);
     this.items = [];
@@ -29,8 +29,8 @@ export class Table {
     body.addEventListener("pointerleave", () => on.hover(null));
   }
 
-  show(items, state, verdicts, reasons) {
-    Object.assign(this, { items, state, verdicts, reasons });
+  show(items, state) {
+    Object.assign(this, { items, state });
     this.head.replaceChildren(
       ...this.columns.map(([name, text, title]) => {
         const here = state.sort === name;
@@ -70,19 +70,9 @@ export class Table {
   }
 
   row(item, index) {
-    const cells = {
-      id: item.kind === "match" ? String(item.id) : `${item.id} ${item.kind[0].toUpperCase()}`,
-      label: item.label,
-      stage: item.stage ?? item.why,
-      confidence: shown(item.confidence, 2),
-      area: shown(item.area),
-      cost: shown(item.cost, 2),
-      dsf: shown(item.dsf),
-      verdict: { right: "✓", wrong: "✗" }[this.verdicts[item.key]] ?? "",
-    };
-    const { color } = paintOf(item, this.state.color, this.reasons);
+    const cells = Object.fromEntries(this.columns.map(([name, , , text]) => [name, text(item)]));
     const swatch = make("i", { class: "swatch" });
-    swatch.style.background = color;
+    swatch.style.background = this.on.color(item);
     const row = make(
       "div",
       {
