@@ -2,6 +2,8 @@
 
 const STILL = 4; // px that a click may move
 
+/** report: has what is called here; `grab(side, point, event)`, where it has that, may take a press: it returns the
+ * functions `move` and `up` of a point of the photograph, or null. */
 export function pointers(report) {
   report.panels.forEach((panel, side) => listen(report, panel, side));
 }
@@ -11,6 +13,7 @@ function listen(report, panel, side) {
   const down = new Map(); // pointer id -> place
   let moved = 0;
   let edge = false;
+  let grabbed = null;
   const place = (event) => {
     const box = element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -26,6 +29,7 @@ function listen(report, panel, side) {
     element.setPointerCapture(event.pointerId);
     down.set(event.pointerId, place(event));
     edge = down.size === 1 && panel.atEdge(place(event));
+    grabbed = down.size === 1 ? (report.grab?.(side, panel.toPhoto(place(event)), event) ?? null) : null;
     moved = 0;
   });
   element.addEventListener("pointermove", (event) => {
@@ -38,6 +42,10 @@ function listen(report, panel, side) {
     const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
     moved += Math.hypot(dx, dy);
     down.set(event.pointerId, at);
+    if (grabbed) {
+      grabbed.move(panel.toPhoto(at));
+      return;
+    }
     if (edge) panel.edge = Math.max(0.01, Math.min(0.99, at[0] / panel.width));
     else if (down.size === 2) pinch(event.pointerId, before, at);
     else if (moved > STILL) {
@@ -54,11 +62,13 @@ function listen(report, panel, side) {
   const up = (event) => {
     if (!down.delete(event.pointerId)) return;
     element.classList.remove("grab");
-    if (event.type === "pointerup" && moved <= STILL && !edge) {
+    if (grabbed) grabbed.up(panel.toPhoto(place(event)));
+    else if (event.type === "pointerup" && moved <= STILL && !edge) {
       const point = panel.toPhoto(place(event));
-      report.choose(panel.pick(point)?.item ?? null);
+      report.choose(panel.pick(point)?.item ?? null, { side, point, event });
     }
     edge = false;
+    grabbed = null;
   };
   element.addEventListener("pointerup", up);
   element.addEventListener("pointercancel", up);
