@@ -1,5 +1,6 @@
 """Two photographs on which a person points at regions: encoded once, their points found once."""
 
+import contextlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -73,12 +74,17 @@ class Pair:
         return self._looked[0], initial_geometry(swapped, self.config.global_match, self.config.seed)
 
     def prepare(self) -> None:
-        """Finds the points and encodes both photographs, so that later calls are quick."""
+        """Finds the points, encodes both photographs, and asks once, as networks are slow at their first answer."""
         with memory.within(self.config.max_memory):
             assert self._initial
             for k, image in enumerate(self._images):
                 self._progress("encode", k / 2)
                 self._view(image)
+            left = self.photographs[0]
+            middle = Prompt(np.array([[left.width / 2, left.height / 2]]), np.zeros((0, 2)), None, None)
+            with contextlib.suppress(InputError):
+                self.carry(0, self.draw(0, middle).shape)
+            self._progress("encode", 1.0)
 
     def draw(self, side: int, prompt: Prompt) -> Drawn:
         """The region of one photograph that a prompt asks for. `InputError` where there is none.

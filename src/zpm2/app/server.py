@@ -80,7 +80,7 @@ class Server:
         return Response(content, media_type=kind)
 
     async def _state(self, request: Request) -> Response:
-        return JSONResponse(self.session.describe())
+        return JSONResponse({**self.session.describe(), "most": self.most})
 
     async def _progress(self, request: Request) -> Response:
         return JSONResponse({"stage": self.session.progress.stage, "share": self.session.progress.share})

@@ -14,7 +14,7 @@ from zpm2.app.photograph import Photograph, read
 from zpm2.app.prompt import prompt_of, shape_from, side_of
 from zpm2.carry.result import attributes, vertices
 from zpm2.config import Config
-from zpm2.errors import Failed, InputError
+from zpm2.errors import InputError
 from zpm2.formats import registry
 from zpm2.formats.regions.outlines import parts_of
 from zpm2.formats.regions.region import Shape
@@ -106,17 +106,15 @@ class Session:
         return photograph.picture()
 
     def prepare(self, message: Message) -> Answer:
-        """Looks at both photographs; what the page shows of their geometry."""
+        """Looks at both photographs; homologous points of them, and what there is to tell."""
         start = perf_counter()
         pair = self._current(message)
         pair.prepare()
         points = pair.points
         some = np.unique(np.linspace(0, len(points) - 1, min(len(points), GUIDES)).astype(np.intp))
         guides = np.hstack([points.left[some], points.right[some]])
-        matrix = pair.fundamental
         return {
             "points": guides.round(2).tolist(),
-            "fundamental": None if isinstance(matrix, Failed) else matrix.tolist(),
             "messages": [str(each) for each in pair.messages],
             "seconds": _since(start),
         }
