@@ -71,7 +71,9 @@ def _numbers(value: object, columns: int) -> NDArray[np.float64]:
     """(n, columns) of a list of lists."""
     if not isinstance(value, Sequence) or len(value) > MOST_POINTS:
         raise TypeError(f"points are a list of at most {MOST_POINTS}")
-    found = np.array(value, np.float64).reshape(len(value), columns)
+    found = np.array(value, np.float64) if value else np.zeros((0, columns))
+    if found.shape != (len(value), columns):
+        raise TypeError(f"each has {columns} numbers")
     if not (np.abs(found) < FAR).all():
         raise ValueError("a coordinate is no number")
     return found
