@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from time import perf_counter
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from zpm2.app.export import archive, region_of, result_of
 from zpm2.app.pair import Pair
-from zpm2.app.photograph import Photograph, read
+from zpm2.app.photograph import Photograph, read, received
 from zpm2.app.prompt import prompt_of, shape_from, side_of
 from zpm2.carry.result import attributes, vertices
 from zpm2.config import Config
@@ -89,11 +89,7 @@ class Session:
         with tempfile.TemporaryDirectory(prefix="zpm2-app-") as scratch:
             path = Path(scratch, "photograph")
             path.write_bytes(content)
-            try:
-                found = read(path, name, SIDES[side], self.config)
-            except InputError as error:
-                raise InputError(str(error).replace(str(path), name)) from error
-        self.photographs[side] = replace(found, path=None, image=replace(found.image, path=None))
+            self.photographs[side] = received(path, name, SIDES[side], self.config)
         self.opened = None
         self._changed()
         return self.describe()
