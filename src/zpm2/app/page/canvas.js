@@ -4,6 +4,7 @@ import { Panel } from "#report/panel.js";
 
 const POINT = 6; // screen px, radius of a point of a prompt
 const HANDLE = 3.5; // screen px, half the side of a vertex
+const ROOM = 11; // screen px between two vertices that are both shown
 const [INSIDE, OUTSIDE, DRAWN] = ["#19a974", "#e7040f", "#ffe14d"];
 
 export class Canvas extends Panel {
@@ -17,7 +18,7 @@ export class Canvas extends Panel {
     const { prompt, sketch, box, vertices } = marks;
     if (prompt?.box) this.paintBox(context, screen(prompt.box.slice(0, 2)), screen(prompt.box.slice(2)));
     if (box) this.paintBox(context, ...box.map(screen));
-    for (const ring of vertices?.flat() ?? []) for (const vertex of ring) this.paintVertex(context, screen(vertex));
+    for (const ring of vertices?.flat() ?? []) this.paintVertices(context, ring.map(screen));
     if (sketch) {
       const places = sketch.map(screen);
       twice(context, () => {
@@ -34,6 +35,16 @@ export class Canvas extends Panel {
     context.setLineDash([6, 4]);
     twice(context, () => context.strokeRect(x0, y0, x1 - x0, y1 - y0));
     context.setLineDash([]);
+  }
+
+  /** Those that have room: zooming in shows the others. */
+  paintVertices(context, ring) {
+    let last = [-Infinity, -Infinity];
+    for (const place of ring) {
+      if (Math.hypot(place[0] - last[0], place[1] - last[1]) < ROOM) continue;
+      this.paintVertex(context, place);
+      last = place;
+    }
   }
 
   paintVertex(context, [x, y]) {

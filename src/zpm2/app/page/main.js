@@ -277,6 +277,8 @@ class App extends Stage {
     const { regions, selected } = this.history.now;
     const accepted = regions.filter((region) => region.verdict === "accepted").length;
     if (document.documentElement.dataset.prepared) the("counts").textContent = regions.length ? `${shown(regions.length)} ${regions.length === 1 ? "region" : "regions"}, ${shown(accepted)} accepted` : "";
+    the("exports").hidden = false;
+    the("export").disabled = !decided(regions).length;
     the("undo").disabled = !this.history.past.length;
     the("redo").disabled = !this.history.future.length;
     the("new").disabled = !selected;

@@ -54,10 +54,7 @@ export function twoPhotographs(server, first, say) {
 
 async function showSlot(server, side, photograph) {
   const shown = the(`slot-${side}`).querySelector(".shown");
-  if (!photograph) {
-    shown.replaceChildren();
-    return;
-  }
+  if (!photograph) return;
   const picture = make("img", { alt: "" });
   picture.src = URL.createObjectURL(await server.blob(`/api/photograph/${side}`));
   shown.replaceChildren(picture, make("span", {}, photograph.name));
