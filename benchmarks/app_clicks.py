@@ -3,8 +3,8 @@
 python benchmarks/app_clicks.py LEFT RIGHT [--clicks N] [--rounds N] [--set stage.field=value]...
 
 Clicks are drawn with a seed from the middle of the left photograph. In each round the pair is matched once and all
-clicks are answered once, all models warm, so that what else the machine does falls on both. `first`: from the start to
-the first answer without a match. Seconds are medians: `wall` by the clock, `processor` of all cores together.
+clicks are answered once, all models warm, so that what else the machine does falls on both. `first`: until the app
+can be clicked on. Seconds are medians: `wall` by the clock, `processor` of all cores together.
 """
 
 import argparse
@@ -17,8 +17,8 @@ import document
 import numpy as np
 
 from zpm2.app.pair import Pair
-from zpm2.app.photograph import read
 from zpm2.app.prompt import Prompt
+from zpm2.app.session import made
 from zpm2.config import assign, preset
 from zpm2.errors import InputError
 from zpm2.pipeline import PairMatcher
@@ -44,8 +44,12 @@ def main() -> None:
     asked = words.parse_args()
     config = assign(preset("default"), asked.settings)
     matcher = PairMatcher(config)
-    left, right = (read(path, path.name, side, config) for path, side in ((asked.left, "left"), (asked.right, "right")))
-    pair = Pair((left, right), matcher, lambda stage, share: None)
+    session = made(config, lambda text: None)
+    session.open(asked.left, asked.right)
+    left, right = session.photographs
+    assert left is not None
+    assert right is not None
+    pair = Pair((left, right), session.matcher, session.progress)
     shares = np.random.default_rng(SEED).uniform(MARGIN, 1 - MARGIN, (asked.clicks, 2))
     places = shares * (left.width, left.height)
     answered = 0
