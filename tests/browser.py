@@ -76,7 +76,11 @@ class Browser:
     def open(self, page: Path, fragment: str = "") -> None:
         """Opens a page, and waits until it says that it is ready."""
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=page.as_uri() + fragment)
+        self.visit(page.as_uri() + fragment)
+
+    def visit(self, address: str) -> None:
+        """As `open`, of an address."""
+        self.call("Page.navigate", url=address)
         self.wait("document.documentElement?.dataset.ready")
 
     def wait(self, expression: str) -> None:
@@ -94,9 +98,9 @@ class Browser:
     def move(self, x: float, y: float) -> None:
         self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
-    def click(self, x: float, y: float, count: int = 1) -> None:
+    def click(self, x: float, y: float, count: int = 1, button: str = "left") -> None:
         for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=count)
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=count)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         self.call("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], button="left", clickCount=1)

@@ -122,7 +122,7 @@ def test_pages_have_commands_and_only_known_ones() -> None:
 
 @pytest.mark.weights
 @pytest.mark.parametrize("command", commands())
-def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -> None:
+def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = shlex.split(command, comments=True)[1:]
     if words[0] in ("match", "eval", "pose", "cloud", "bench", "tracks"):
         words += QUICK
@@ -146,6 +146,12 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
         assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
     if words[0] == "view" and words[1] == "scores":
         assert run("eval", "pairs", "--root", "data", "-o", "scores", *QUICK).code == 0
+    if words[0] == "app":
+        pytest.importorskip("starlette", reason='needs pip install "zpm2[app]"')
+        monkeypatch.setattr("uvicorn.Server.run", lambda self, sockets: None)  # else it would serve for ever
+        monkeypatch.setattr("webbrowser.open", lambda address: True)
+        if words[1] == "out":
+            assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:

@@ -14,6 +14,7 @@ import numpy as np
 import PIL.Image
 import rasterio
 import trimesh
+from app_readers import app_readers
 from area_readers import area_readers
 from dataset_readers import dataset_readers
 from mutate import SIZE
@@ -45,7 +46,7 @@ def readers() -> list[Reader]:
     """All of them."""
     return [
         *(*_pictures(), *_regions(), *_tables(), *_cameras(), *_meshes()),
-        *(*own_readers(), *dataset_readers(), *area_readers()),
+        *(*own_readers(), *dataset_readers(), *area_readers(), *app_readers()),
     ]
 
 

@@ -20,6 +20,7 @@ from rendered import Pair, save_pair  # noqa: E402
 
 READ_ONLY = ("doctor", "config list", "config show", "weights list", "models", "bench")
 READ_ONLY += ("view",)  # one missing page at most
+READ_ONLY += ("app",)  # its results leave it through the browser
 POINTS = ("--set", "points.methods=sift", "--device", "cpu")  # no network for points
 FEW = ("--set", "segment.grid=8")  # prompts
 

@@ -79,7 +79,7 @@ def carry(
     outlines = {
         k: _within(found.shapes[k], size)
         if answers[k].moved[row]
-        else _outline(view, answers[k].masks[np.array([row])], config)
+        else outline(view, answers[k].masks[np.array([row])], config)
         for k, row in got.items()
     }
     drawn = [k for k, each in outlines.items() if each is not None]
@@ -137,8 +137,9 @@ def _expected(
     return Expectation(cover, trust, exact, likeness.picture(k, view.size), likeness.weight(k))
 
 
-def _outline(view: PromptedView, mask: MaskPredictions, config: Config) -> Shape | None:
-    """The pieces of a mask at the image's resolution, without specks and pinholes, simplified."""
+def outline(view: PromptedView, mask: MaskPredictions, config: Config) -> Shape | None:
+    """The pieces of one mask at the image's resolution, px of the image, without specks and pinholes, simplified; None
+    where nothing is left."""
     (fine,) = view.masks(mask)
     pieces = trace(fine.bits, fine.x0, fine.y0) if fine.bits.any() else []
     kept = [piece for piece in pieces if piece.area >= config.carry.min_part * pieces[0].area]

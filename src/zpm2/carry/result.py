@@ -75,7 +75,7 @@ class CarryResult:
     def carried(self) -> list[CarriedRegion]:
         """The regions with their outlines in the right photograph, and our attributes."""
         return [
-            CarriedRegion(region, outcome.shape, _attributes(outcome))
+            CarriedRegion(region, outcome.shape, attributes(outcome))
             for region, outcome in zip(self.regions, self.outcomes, strict=True)
         ]
 
@@ -119,8 +119,8 @@ class CarryResult:
                     "row": region.row,
                     "id": region.source_id,
                     "label": region.label,
-                    **_attributes(outcome),
-                    "parts": [] if outcome.shape is None else [_vertices(part) for part in parts_of(outcome.shape)],
+                    **attributes(outcome),
+                    "parts": [] if outcome.shape is None else [vertices(part) for part in parts_of(outcome.shape)],
                 }
                 for region, outcome in zip(self.regions, self.outcomes, strict=True)
             ],
@@ -175,7 +175,7 @@ def file_names(file: RegionFile | None) -> list[str]:
     return [*(written_names(file) if file is not None else ()), PICTURE, SHIFTS, REPORT, TILES, DOCUMENT]
 
 
-def _attributes(outcome: Outcome) -> dict[str, object]:
+def attributes(outcome: Outcome) -> dict[str, object]:
     """What we say of a region in every file."""
     values = {
         "status": outcome.status,
@@ -191,5 +191,6 @@ def _attributes(outcome: Outcome) -> dict[str, object]:
     return {name: plain(value) for name, value in values.items()}
 
 
-def _vertices(part: shapely.Polygon) -> list[list[list[float]]]:
+def vertices(part: shapely.Polygon) -> list[list[list[float]]]:
+    """The exterior and the holes, each as [x, y] without the closing one."""
     return [ring[:-1].round(3).tolist() for ring in rings_of(part)]

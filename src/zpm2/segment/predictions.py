@@ -10,7 +10,7 @@ from zpm2.segment.stacks import BitStack, Extent, Stack
 
 MASK_SIDE = 256  # px, longer side of a decoded mask
 
-INSIDE, CORNER, OTHER_CORNER = 1, 2, 3  # labels of a prompt's points
+OUTSIDE, INSIDE, CORNER, OTHER_CORNER = 0, 1, 2, 3  # labels of a prompt's points
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +18,7 @@ class Prompts:
     """n prompts of one form: each has the same number of points, with the same labels."""
 
     points: NDArray[np.float64]  # (n, P, 2) image px
-    labels: NDArray[np.int64]  # (P,) INSIDE for a point of the region, CORNER and OTHER_CORNER for its box
+    labels: NDArray[np.int64]  # (P,) INSIDE for a point of the region, OUTSIDE for one of the rest, else its box
 
     def __len__(self) -> int:
         return len(self.points)

@@ -20,7 +20,7 @@ from zpm2.errors import MissingDependency
 from zpm2.model.messages import Note
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, Sight
-from zpm2.segment.predictions import INSIDE
+from zpm2.segment.predictions import CORNER
 from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
@@ -216,10 +216,10 @@ class TransformersSam:
 
     def decode(self, encoded: "Encoded", points: Array, labels: NDArray[np.int64]) -> tuple[Array, Stack]:
         centred = points - np.float32(0.5)  # the library counts from the centre of the first pixel
-        inside = centred[:, labels == INSIDE]
-        prompts = {"input_points": self._to(inside[None])}
-        prompts["input_labels"] = self._torch.ones(1, *inside.shape[:2], dtype=self._torch.int64, device=self._device)
-        if (corners := centred[:, labels != INSIDE]).size:
+        single = labels < CORNER
+        prompts = {"input_points": self._to(centred[None, :, single])}
+        prompts["input_labels"] = self._to(np.tile(labels[single], (1, len(points), 1)))
+        if (corners := centred[:, ~single]).size:
             prompts["input_boxes"] = self._to(corners.reshape(1, len(corners), 4))
         with self._torch.inference_mode(), self._arithmetic():
             found = self._model(**encoded, **prompts, multimask_output=True)

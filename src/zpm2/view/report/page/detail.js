@@ -86,7 +86,8 @@ function parentLink(polygon, page) {
   return make("button", { type: "button", class: "link", onclick: () => page.on.select(parent.item.key) }, String(parent.id));
 }
 
-function chip(item, side, page) {
+/** One side of an item close up. page: {panels, items}. */
+export function chip(item, side, page) {
   const panel = page.panels[side];
   const name = side ? "Right" : "Left";
   const canvas = make("canvas", { role: "img", "aria-label": `${name} close-up` });

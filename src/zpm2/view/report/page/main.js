@@ -5,23 +5,24 @@ import { WAYS, comparison } from "#report/comparison.js";
 import { shown, the } from "#report/dom.js";
 import { showDetail } from "#report/detail.js";
 import { clipLine, multiply, transposed } from "#report/geometry.js";
-import { expectedPlace, itemsOf, paintOf, passes, sorted } from "#report/items.js";
+import { itemsOf, paintOf, passes, sorted } from "#report/items.js";
 import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
 import { keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
+import { Stage } from "#report/stage.js";
 import { fromFragment, toFragment } from "#report/state.js";
 import { PAIR_COLUMNS, Table } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
 const SMALL = 40; // screen px; a link to a smaller polygon zooms to it
-const REST = 120; // ms without a move
 const BLINK = 800; // ms that each photograph is shown
 
-class Report {
+class Report extends Stage {
   constructor(data) {
+    super();
     this.data = data;
     this.reasons = data.reasons;
     data.sides.forEach((side, k) => (side.tiles = data.tiles[k]));
@@ -139,41 +140,6 @@ class Report {
     this.compare();
   }
 
-  layout() {
-    const stage = the("stage");
-    const one = this.state.mode !== "side";
-    const { width, height } = stage.getBoundingClientRect();
-    const [a, b] = this.data.sides;
-    const scale = (w, h) => Math.min(w / a.width, h / a.height) + Math.min(w / b.width, h / b.height);
-    const row = scale(width / 2, height) >= scale(width, height / 2);
-    stage.className = one ? "one" : row ? "row" : "column";
-    the("panel-right").hidden = one;
-    this.panels.slice(0, one ? 1 : 2).forEach((panel) => panel.resize());
-    this.refresh(true);
-  }
-
-  fit() {
-    this.panels.forEach((panel) => panel.fit());
-    this.refresh();
-  }
-
-  /** Zooms one photograph; the other one follows. */
-  zoom(panel, place, factor) {
-    panel.zoomAt(place, factor);
-    this.follow(panel);
-  }
-
-  follow(panel) {
-    if (this.state.link && this.state.mode === "side") {
-      const k = this.panels.indexOf(panel);
-      const other = this.panels[1 - k];
-      const there = expectedPlace(this.items, k, panel.middle());
-      if (panel.whole) other.fit();
-      else if (there) other.center(there.point, panel.view.zoom / there.factor);
-    }
-    this.refresh();
-  }
-
   zoomTo(item) {
     if (!item) return;
     const [left, right] = item.polygons;
@@ -238,24 +204,6 @@ class Report {
     this.table.mark(this.hovered?.key, this.state.select);
   }
 
-  /** Paints again, once before the next frame. shapes: the polygons have changed; else the view may have moved. */
-  refresh(shapes = false) {
-    this.changed ||= shapes;
-    this.due ??= requestAnimationFrame(() => {
-      this.due = null;
-      for (const panel of this.panels) {
-        if (!panel.width || panel.element.hidden) continue;
-        panel.paintPhoto();
-        if (panel.view === panel.painted && !this.changed) continue;
-        if (this.changed || !panel.moveShapes()) panel.paintShapes(this.state, this.reasons);
-        else this.settle();
-      }
-      this.changed = false;
-      this.marks();
-      document.documentElement.dataset.ready ??= String(Math.round(performance.now()));
-    });
-  }
-
   /** A tile has come, or there are none. */
   arrived() {
     const missing = this.panels.some((panel) => panel.tiles?.missing);
@@ -264,12 +212,6 @@ class Report {
     if (missing) the("no-tiles").textContent = `Reduced photographs: ${this.data.sides[0].tiles?.folder ?? this.data.sides[1].tiles.folder}/ is not beside this page.`;
     this.refresh();
     this.detail();
-  }
-
-  /** Paints the polygons when the view has come to rest. */
-  settle() {
-    clearTimeout(this.resting);
-    this.resting = setTimeout(() => this.refresh(true), REST);
   }
 
   /** What moves with the cursor: outlines of the hovered and the chosen item, epipolar line. */

@@ -18,7 +18,7 @@ const HANDLE = 14; // px on either side of the curtain's edge, where it can be t
 export class Panel {
   /** element: of the page, gets the canvases. picture: an image of the whole photograph. tiles: of a large one. */
   constructor(element, side, picture, tiles, polygons, name) {
-    Object.assign(this, { element, side, picture, tiles, polygons });
+    Object.assign(this, { element, side, picture, tiles });
     [this.photo, this.shapes, this.top] = ["photo", "shapes", "top"].map((kind) => {
       const canvas = document.createElement("canvas");
       canvas.className = kind;
@@ -31,9 +31,14 @@ export class Panel {
     this.edge = 0.5;
     this.view = { zoom: 1, x: 0, y: 0 }; // screen px = zoom * px of the photograph + (x, y)
     this.whole = true;
+    this.hold(polygons);
+  }
+
+  /** Takes other polygons. */
+  hold(polygons) {
     this.order = [...polygons].sort((a, b) => b.area - a.area || a.id - b.id);
-    this.order.forEach((polygon) => (polygon.path = pathOf(polygon.rings)));
-    this.grid = new Grid(this.order.map((polygon) => polygon.box), side.width, side.height);
+    this.order.forEach((polygon) => (polygon.path ??= pathOf(polygon.rings)));
+    this.grid = new Grid(this.order.map((polygon) => polygon.box), this.side.width, this.side.height);
   }
 
   resize() {

@@ -2,7 +2,9 @@
 
 const STILL = 4; // px that a click may move
 
-/** scrolls: whether the wheel scrolls the page, and zooms only with the control key, which a pinch on a touchpad is, too. */
+/** report: has what is called here; `grab(side, point, event)`, where it has that, may take a press: it returns the
+ * functions `move` and `up` of a point of the photograph, or null. scrolls: whether the wheel scrolls the page, and zooms
+ * only with the control key, which a pinch on a touchpad is, too. */
 export function pointers(report, scrolls = false) {
   report.panels.forEach((panel, side) => listen(report, panel, side, scrolls));
 }
@@ -12,6 +14,7 @@ function listen(report, panel, side, scrolls) {
   const down = new Map(); // pointer id -> place
   let moved = 0;
   let edge = false;
+  let grabbed = null;
   const place = (event) => {
     const box = element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -27,6 +30,7 @@ function listen(report, panel, side, scrolls) {
     element.setPointerCapture(event.pointerId);
     down.set(event.pointerId, place(event));
     edge = down.size === 1 && panel.atEdge(place(event));
+    grabbed = down.size === 1 ? (report.grab?.(side, panel.toPhoto(place(event)), event) ?? null) : null;
     moved = 0;
   });
   element.addEventListener("pointermove", (event) => {
@@ -39,6 +43,10 @@ function listen(report, panel, side, scrolls) {
     const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
     moved += Math.hypot(dx, dy);
     down.set(event.pointerId, at);
+    if (grabbed) {
+      grabbed.move(panel.toPhoto(at));
+      return;
+    }
     if (edge) panel.edge = Math.max(0.01, Math.min(0.99, at[0] / panel.width));
     else if (down.size === 2) pinch(event.pointerId, before, at);
     else if (moved > STILL) {
@@ -55,11 +63,13 @@ function listen(report, panel, side, scrolls) {
   const up = (event) => {
     if (!down.delete(event.pointerId)) return;
     element.classList.remove("grab");
-    if (event.type === "pointerup" && moved <= STILL && !edge) {
+    if (grabbed) grabbed.up(panel.toPhoto(place(event)));
+    else if (event.type === "pointerup" && moved <= STILL && !edge) {
       const point = panel.toPhoto(place(event));
-      report.choose(panel.pick(point)?.item ?? null);
+      report.choose(panel.pick(point)?.item ?? null, { side, point, event });
     }
     edge = false;
+    grabbed = null;
   };
   element.addEventListener("pointerup", up);
   element.addEventListener("pointercancel", up);
