@@ -33,7 +33,7 @@ def test_arrays(result: MatchResult) -> None:
 
 
 def test_masks_that_do_not_fit(result: MatchResult) -> None:
-    with memory.within("0.0001MB"), pytest.raises(InputError, match="without masks"):
+    with memory.within("0.00001MB"), pytest.raises(InputError, match="without masks"):
         result.detections("left")
 
 
