@@ -18,6 +18,7 @@ from zpm2.files.reading import WRONG
 from zpm2.files.writing import claim
 from zpm2.formats import gis, saving
 from zpm2.formats.convert import Converter, Layout, Members
+from zpm2.formats.detections import Detections, detections
 from zpm2.formats.document import LAYOUTS
 from zpm2.formats.layer import layers_of
 from zpm2.formats.writers.geojson import feature_collections
@@ -25,7 +26,7 @@ from zpm2.local_match.exclusive import without_overlaps
 from zpm2.local_match.outline import with_outlines
 from zpm2.local_match.pair_map import matched_pairs, pair_maps
 from zpm2.local_match.unmatched import without_smaller
-from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch
+from zpm2.model import Image, ImagePolygons, PointMatches, Polygon, PolygonArrays, PolygonMatch, SideName, counterparts
 from zpm2.model.brief import brief
 from zpm2.model.messages import split
 from zpm2.photos import reopen
@@ -121,6 +122,12 @@ class MatchResult:
         """
         return feature_collections(self)
 
+    def detections(self, side: SideName, masks: bool = True) -> Detections:
+        """The polygons of a side as arrays: `supervision.Detections(**result.detections("left"))`. `tracker_id` is the
+        number of the match. `InputError` where the masks do not fit into memory: then leave them out."""
+        own = self.left if side == "left" else self.right
+        return detections(own.polygons, counterparts(self.matches, side), (own.width, own.height), masks)
+
     def with_gis_messages(self) -> "MatchResult":
         """The same, with warnings about what files for a GIS will lack and notes on how they are made."""
         warnings, notes = split(gis.messages(layers_of(self)))
@@ -164,9 +171,10 @@ class MatchResult:
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
-        "coco" (left.coco.json, right.coco.json), and any other of `formats.registry`; `report` asks for report.html.
-        Each file appears whole or not at all, and matches.json comes last: where it is, the others are. Files of an
-        earlier result are replaced, others never. `OutputError` if the folder cannot be written or holds other files of
+        "geoparquet" (left.parquet, right.parquet, matches.parquet), "coco" (left.coco.json, right.coco.json), and any
+        other of `formats.registry`; `report` asks for report.html. Each file appears whole or not at all, and
+        matches.json comes last: where it is, the others are. Files of an earlier result are replaced, others never.
+        `OutputError` if the folder cannot be written or holds other files of
         these names, `ConfigError` for an unknown format, `MissingDependency` for one without its package, and
         `InputError` as from `plot`.
         """

@@ -76,10 +76,10 @@ def _cases(pair: Pair) -> Iterator[Case]:
     rig = ["--stereo", "--K", camera, "--baseline", "0.2"]
     known = ["--matches", "../in/matches"]
     out = ["-o", "out", "-q"]
-    formats = [word for name in ("gpkg", "shapefile", "coco") for word in ("--format", name)]
+    formats = [word for name in ("gpkg", "shapefile", "geoparquet", "coco") for word in ("--format", name)]
     tiles = ["--tiles", "on", "--set", "tiles.size=256"]
     data = ["eval", "pairs", "--root", "../in"]
-    yield Case("match", ["match", *photographs, *own, *formats, "--outlines", *out], needs=("pyogrio",))
+    yield Case("match", ["match", *photographs, *own, *formats, "--outlines", *out], needs=("pyogrio", "pyarrow"))
     yield Case("match in tiles", ["match", *photographs, *own, *tiles, *out])
     yield Case("match, found regions", ["match", *photographs, *POINTS, *FEW, *out], networks=True)
     yield Case("match, default", ["match", *photographs, *out], networks=True)
@@ -98,6 +98,8 @@ def _cases(pair: Pair) -> Iterator[Case]:
     yield Case("cloud --stereo, matched", [*lifted, *POINTS, *FEW, *out], networks=True, needs=("trimesh",))
     workspace = ["cloud", "../in/workspace", *POINTS, *FEW, *out]
     yield Case("cloud", workspace, networks=True, needs=("trimesh",))
+    yield Case("export", ["export", "../in/matches", *out], needs=("pycolmap",))
+    yield Case("export to hloc", ["export", "../in/matches", "--to", "hloc", *out], needs=("h5py",))
     kept = ["--regions", "../in/predictions", "--set", "points.methods=sift"]
     yield Case("eval", [*data, *kept, "--parquet", *out], needs=("pyarrow",))
     yield Case("eval, a baseline", [*data, "--method", "shape-context", "--regions", "../in/predictions", *out])

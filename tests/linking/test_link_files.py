@@ -12,6 +12,7 @@ from zpm2 import linking
 from zpm2.cli import app
 from zpm2.errors import Failed, InputError
 from zpm2.formats import gis
+from zpm2.formats.table import Table
 from zpm2.photos.geolocation import WGS84
 
 pytest.importorskip("rasterio", reason="extra geo is not installed")
@@ -139,7 +140,7 @@ def test_a_geopackage_keeps_its_columns_and_multipolygons_holes_and_heights_are_
     shapes = shapely.force_3d(shapes, 100.0)
     owners = np.array([f"owner {k}" for k in range(COUNT)], object)
     path = tmp_path / "before.gpkg"
-    gis.write_file(path, "houses", gis.Table({"owner": owners}, {}), shapes, UTM, "MultiPolygon Z")
+    gis.write_file(path, "houses", Table({"owner": owners}, {}), shapes, UTM, "MultiPolygon Z")
     result = zpm2.link(path, town / "after.geojson")
     assert len(result.links) >= COUNT - 3
     assert all(int(left) - 1 == int(right.removeprefix("way/")) for left, right in result.ids())  # fids begin at 1

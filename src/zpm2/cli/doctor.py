@@ -11,7 +11,7 @@ from zpm2.runtime import package_version
 
 PACKAGES = (
     *("torch", "kornia", "openvino", "poselib", "opencv-python-headless", "shapely", "numpy", "scipy"),
-    *("pycolmap", "trimesh", "embreex", "laspy", "rasterio", "pyogrio", "pyarrow"),
+    *("pycolmap", "trimesh", "embreex", "laspy", "rasterio", "pyogrio", "pyarrow", "h5py"),
 )
 
 

@@ -60,6 +60,12 @@ def colmap_can(what: str) -> Iterator[None]:
         raise InputError(f"COLMAP cannot {what}: {said}") from error
 
 
+def seeded(verification: "pycolmap.TwoViewGeometryOptions", seed: int) -> "pycolmap.TwoViewGeometryOptions":
+    """Options of geometric verification, which now draw the same samples each time."""
+    verification.ransac.random_seed = seed
+    return verification
+
+
 def open_model(folder: Path) -> "pycolmap.Reconstruction":
     """The pycolmap.Reconstruction of a model that a run of ours wrote into its claimed folder.
 

@@ -2,14 +2,11 @@
 
 import contextlib
 import errno
-import itertools
-import json
 import os
 import shutil
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -20,66 +17,20 @@ from numpy.typing import NDArray
 from zpm2.errors import InputError, MissingDependency, OutputError
 from zpm2.files.record import move_into_place, remove_own, temporary_folder
 from zpm2.files.writing import why
-from zpm2.formats.layer import Layer, feature_collection, square_meters, world_shapes
-from zpm2.formats.properties import PREFIX
-from zpm2.model import PolygonArrays, PolygonMatch
+from zpm2.formats.layer import Layer, feature_collection, world_shapes
+from zpm2.formats.table import GPKG, MOST_PROPERTIES, SHAPEFILE, Table, layer_table, match_table, property_names
+from zpm2.model import PolygonMatch
 from zpm2.model.messages import Note
 
 Array = NDArray[np.float64]
 
 GEOPACKAGE = "1.2"  # version of the format; an older GIS warns of newer ones
 NOW, EPOCH = "OGR_CURRENT_DATE", "1970-01-01"  # GDAL's option for the date in a GeoPackage
-GPKG, SHAPEFILE = "GPKG", "ESRI Shapefile"  # GDAL's names
 UTC = 100  # GDAL's number of the time zone in which GeoPackages have their times
-MOST_PROPERTIES = {GPKG: 1900, SHAPEFILE: 230}  # columns of a table beside ours, of 2000 and 255
-RESERVED = ("fid", "ogc_fid", "geom", "geometry")  # columns that the formats add themselves
 LOG_FILES = ("-wal", "-shm", "-journal")  # of a GeoPackage that a GIS has open
 SIDE_FILES = (".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".qix", ".sbn", ".sbx")  # of a shapefile
 
 _SETTING = threading.Lock()
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Columns of a layer: name -> (n,) values. Null is NaN, None, or where `nulls` (for integers) is true."""
-
-    columns: dict[str, NDArray[np.generic]]
-    nulls: dict[str, NDArray[np.bool_]]
-
-    @staticmethod
-    def of(rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
-        """A table with a column for each name in n rows of values."""
-        return Table({}, {}).with_properties(rows, driver)
-
-    def with_properties(self, rows: Sequence[Mapping[str, object]], driver: str) -> "Table":
-        """The table with a column for each property that its n polygons were given with, as many as the format allows.
-
-        A name that is taken (formats ignore case) gets a prefix. A shapefile cuts names to 10 bytes; names that become
-        equal get a number. Columns of only booleans, integers or numbers keep their type. All others become text, with
-        values that are not text as JSON.
-        """
-        columns, nulls = dict(self.columns), dict(self.nulls)
-        taken = {*columns, "source_id", *RESERVED}
-        for name in property_names(rows)[: MOST_PROPERTIES[driver]]:
-            column = "".join(letter if letter.isprintable() else " " for letter in name)
-            while column.lower() in taken or not column:
-                column = PREFIX + column
-            if driver == SHAPEFILE:
-                shorts = (_cut(column, f"_{k}" if k else "") for k in itertools.count())
-                column = next(short for short in shorts if short.lower() not in taken)
-            taken.add(column.lower())
-            columns[column], nulls[column] = _column([row.get(name) for row in rows])
-        return Table(columns, nulls)
-
-
-def property_names(rows: Iterable[Mapping[str, object]]) -> list[str]:
-    """The names of given properties, in order of appearance."""
-    return list(dict.fromkeys(name for row in rows for name in row))
-
-
-def _cut(name: str, end: str) -> str:
-    """A name with `end`, cut to 10 bytes."""
-    return name.encode()[: 10 - len(end)].decode(errors="ignore") + end
 
 
 def require_pyogrio() -> ModuleType:
@@ -115,8 +66,8 @@ def write_geopackage(path: str | Path, left: Layer, right: Layer, matches: Seque
         temporary = folder / "a.gpkg"
         for layer in (left, right):
             srs = {"SRID": "-1"} if layer.crs is None else {}
-            write_layer(temporary, GPKG, layer.name, _table(layer, GPKG), world_shapes(layer), layer.crs, srs)
-        write_layer(temporary, GPKG, "matches", _match_table(matches))
+            write_layer(temporary, GPKG, layer.name, layer_table(layer, GPKG), world_shapes(layer), layer.crs, srs)
+        write_layer(temporary, GPKG, "matches", match_table(matches))
         for suffix in LOG_FILES:  # of the old file: SQLite would apply them to the new one
             remove_own(path.with_name(path.name + suffix))
         move_into_place(temporary, path)
@@ -131,7 +82,7 @@ def write_shapefile(folder: str | Path, layer: Layer) -> Path:
     that are not replaced are removed. `OutputError` where it cannot be written.
     """
     path = Path(folder) / f"{layer.name}.shp"
-    return write_file(path, layer.name, _table(layer, SHAPEFILE), world_shapes(layer), layer.crs)
+    return write_file(path, layer.name, layer_table(layer, SHAPEFILE), world_shapes(layer), layer.crs)
 
 
 def write_file(
@@ -199,71 +150,6 @@ def messages(layers: Sequence[Layer]) -> list[str]:
     if any(layer.crs is not None for layer in layers) and not has_pyogrio():
         found.append('matches.gpkg needs pyogrio and is not written: pip install "zpm2[geo]"')
     return found
-
-
-def _table(layer: Layer, driver: str) -> Table:
-    arrays = PolygonArrays(layer.polygons)
-    polygons, ids = layer.polygons, [polygon.id for polygon in layer.polygons]
-    partners = [layer.match_of.get(id) for id in ids]
-    parent, no_parent = _integers([polygon.parent for polygon in polygons])
-    match, no_match = _integers([None if partner is None else partner.polygon_id for partner in partners])
-    match_id, _ = _integers([None if partner is None else partner.match_id for partner in partners])
-    meters = square_meters(layer.geo)
-    columns = {
-        "polygon_id": arrays.ids,
-        "area_px": arrays.areas,
-        "area_m2": arrays.areas * (np.nan if meters is None else meters),
-        "score": np.array([polygon.score for polygon in polygons], np.float64),
-        "parent": parent,
-        "label": np.array([polygon.label for polygon in polygons], object),
-        "match": match,
-        "match_id": match_id,
-        "confidence": np.array([partner.confidence if partner else np.nan for partner in partners], np.float64),
-        "unmatched": np.array([layer.unmatched.get(id) for id in ids], object),
-    }
-    nulls = {"parent": no_parent, "match": no_match, "match_id": no_match}
-    if any(polygon.source_id is not None for polygon in polygons):
-        columns["source_id"] = np.array([polygon.source_id for polygon in polygons], object)
-    return Table(columns, nulls).with_properties([polygon.properties for polygon in polygons], driver)
-
-
-def _match_table(matches: Sequence[PolygonMatch]) -> Table:
-    kinds = {
-        "match_id": np.int64,
-        "left": np.int64,
-        "right": np.int64,
-        "confidence": np.float64,
-        "cost": np.float64,
-        "dsf": np.int64,
-        "stage": object,
-        "overlap": np.float64,
-    }
-    members = {"match_id": "id"}
-    return Table(
-        {name: np.array([getattr(m, members.get(name, name)) for m in matches], kind) for name, kind in kinds.items()},
-        {},
-    )
-
-
-def _column(values: Sequence[object]) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-    """(n,) JSON values of any types as one type, and (n,) which of them are null."""
-    null = np.array([value is None for value in values], bool)
-    kinds = {type(value) for value in values if value is not None}
-    if kinds == {bool}:
-        return np.array([bool(value) for value in values], bool), null
-    fit = all(abs(value) < 2**63 for value in values if isinstance(value, int))
-    if kinds == {int} and fit:
-        return _integers([value for value in values if isinstance(value, int | None)])
-    if kinds in ({float}, {int, float}) and fit:
-        numbers = [np.nan if value is None else value for value in values if isinstance(value, int | float | None)]
-        return np.array(numbers, np.float64), null
-    texts = [v if v is None or isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values]
-    return np.array(texts, object), null
-
-
-def _integers(values: Sequence[int | None]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    null = np.array([value is None for value in values], bool)
-    return np.array([value or 0 for value in values], np.int64), null
 
 
 def write_layer(

@@ -140,7 +140,7 @@ def _closed(
 
 def _degrees(layer: Layer, points: Array) -> Array:
     """(n, 2) coordinates of the layer's CRS -> (n, 2) longitude, latitude of WGS 84, degrees."""
-    rasterio = _require_rasterio()
+    rasterio = require_rasterio()
     try:
         lon_lat = rasterio.warp.transform(layer.crs, "EPSG:4326", points[:, 0], points[:, 1])
         degrees = np.array(lon_lat, np.float64).T.reshape(-1, 2)
@@ -165,13 +165,14 @@ def square_meters(geo: Georeference) -> float | None:
         return geo.gsd**2
     if geo.crs is None or geo.transform is None:
         return None
-    crs = _require_rasterio().crs.CRS.from_user_input(geo.crs)
+    crs = require_rasterio().crs.CRS.from_user_input(geo.crs)
     if not crs.is_projected:
         return None
     return abs(float(np.linalg.det(geo.transform[:, :2]))) * float(crs.linear_units_factor[1]) ** 2
 
 
-def _require_rasterio() -> ModuleType:
+def require_rasterio() -> ModuleType:
+    """The package, or `MissingDependency`."""
     try:
         import rasterio.crs
         import rasterio.warp

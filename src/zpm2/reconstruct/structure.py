@@ -10,7 +10,7 @@ import numpy as np
 from zpm2.config import Config
 from zpm2.errors import InputError
 from zpm2.files.record import make_folder, move_into_place, temporary_folder
-from zpm2.formats.colmap import colmap_can, require_pycolmap, to_pycolmap
+from zpm2.formats.colmap import colmap_can, require_pycolmap, seeded, to_pycolmap
 from zpm2.model import PosedCamera
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ def _seeded(pycolmap: ModuleType, seed: int) -> tuple["TwoViewGeometryOptions", 
     numbers in a different order each time.
     """
     pycolmap.set_random_seed(seed)
-    verification, mapping = pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalPipelineOptions()
-    for draws in (verification.ransac, mapping, mapping.mapper, mapping.triangulation):
+    verification, mapping = seeded(pycolmap.TwoViewGeometryOptions(), seed), pycolmap.IncrementalPipelineOptions()
+    for draws in (mapping, mapping.mapper, mapping.triangulation):
         draws.random_seed = seed
     mapping.num_threads = 1
     return verification, mapping

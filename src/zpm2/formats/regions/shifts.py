@@ -12,6 +12,7 @@ from zpm2.errors import InputError
 from zpm2.formats import geojson, gis
 from zpm2.formats.layer import DEGREES
 from zpm2.formats.regions.region import GivenRegion, Photograph, name_of
+from zpm2.formats.table import GPKG, Table
 from zpm2.photos.geolocation import WGS84, between, meters_between, world_of
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ def write_shifts(path: Path, shifts: Sequence[Shift], left: Photograph, right: P
         return geojson.write(path, {"type": "FeatureCollection", "name": LAYER, "features": features})
     shapes = np.full(len(shifts), None, object)
     shapes[good] = shapely.linestrings(lines[good])
-    return gis.write_file(path, LAYER, gis.Table.of(rows, gis.GPKG), shapes, crs, "LineString")
+    return gis.write_file(path, LAYER, Table.of(rows, GPKG), shapes, crs, "LineString")
 
 
 def _ends(shifts: Sequence[Shift], left: Photograph, right: Photograph) -> tuple[str, Array, Array]:

@@ -20,12 +20,13 @@ from zpm2.formats import geojson, gis
 from zpm2.formats.properties import plain
 from zpm2.formats.regions.ground import Parts, check_ground, oriented, outlines_of, to_ground, to_pixels
 from zpm2.formats.regions.region import PREFIX, SEPARATOR, CarriedRegion, GivenRegion, GivenRegions, Photograph, ours
+from zpm2.formats.table import GPKG, SHAPEFILE, Table
 
 Column = NDArray[np.generic]
 
 BYTES_PER_BYTE = 8  # of memory, for each of the file, while it is read
 HEADS = {".gpkg": (rb"SQLite format 3\0.{52}(GPKG|GP1\d)", 72), ".shp": (rb"\0\0\x27\x0a", 4)}
-DRIVERS = {".gpkg": gis.GPKG, ".shp": gis.SHAPEFILE}
+DRIVERS = {".gpkg": GPKG, ".shp": SHAPEFILE}
 UNPLACED = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*", re.DOTALL)  # reference systems of no place, in WKT
 
 
@@ -83,7 +84,7 @@ class Vectors:
 
     def names(self, stem: str) -> tuple[str, ...]:
         """The file and those that a GIS writes beside it."""
-        if self._driver == gis.GPKG:
+        if self._driver == GPKG:
             return tuple(f"{stem}.gpkg{suffix}" for suffix in ("", *gis.LOG_FILES))
         return tuple(stem + suffix for suffix in gis.SIDE_FILES)
 
@@ -99,7 +100,7 @@ class Vectors:
         if crs is None and (self.crs is not None or self._sign < 0):  # as QGIS draws images without a georeference
             shapes = oriented(shapely.transform(shapes, lambda points: points * (1, -1)))
         multi = "Multi" in self.kind or any(s is not None and s.geom_type == "MultiPolygon" for s in shapes)
-        gpkg = self._driver == gis.GPKG
+        gpkg = self._driver == GPKG
         options = {"FID": self._free_name("fid"), "GEOMETRY_NAME": self._free_name("geom")} if gpkg else {}
         table = self._table(carried, options.get("FID"))
         gis.write_file(path, self.layer, table, shapes, crs, "MultiPolygon" if multi else "Polygon", options)
@@ -134,7 +135,7 @@ class Vectors:
         row."""
         if isinstance(properties.get("polygon_id"), int) and "area_px" in properties:
             return properties["polygon_id"]
-        if self._driver == gis.GPKG:
+        if self._driver == GPKG:
             return int(self.fids[row])
         return geojson.own_id({}, properties, row)
 
@@ -144,7 +145,7 @@ class Vectors:
             name = f"_{name}"
         return name
 
-    def _table(self, carried: Sequence[CarriedRegion], fid: str | None) -> gis.Table:
+    def _table(self, carried: Sequence[CarriedRegion], fid: str | None) -> Table:
         """The columns as they were, and ours."""
         rows = np.array([each.region.row for each in carried], np.int64)
         columns, nulls = dict[str, Column](), dict[str, NDArray[np.bool_]]()
@@ -159,7 +160,7 @@ class Vectors:
                 values = np.nan_to_num(values).astype(kind)
             columns[field] = values
         added = [ours(each.attributes) for each in carried]
-        return gis.Table(columns, nulls).with_properties(added, self._driver)
+        return Table(columns, nulls).with_properties(added, self._driver)
 
 
 def open_vectors(path: Path, layer: str | None = None) -> Vectors | None:

@@ -1,0 +1,78 @@
+"""`zpm2 export`: the points of many results for programs that reconstruct from photographs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from zpm2.cli.console import fresh_folder, warn
+from zpm2.cli.options import Out, Quiet, Seed
+from zpm2.errors import InputError
+
+if TYPE_CHECKING:
+    from zpm2.result import MatchResult
+
+Program = Literal["colmap", "hloc"]
+
+
+def export(
+    results: Annotated[
+        list[Path], typer.Argument(metavar="RESULTS...", help="Folders of results, or folders with such in them.")
+    ],
+    to: Annotated[Program, typer.Option(help="colmap: a database; hloc: keypoints and matches as HDF5.")] = "colmap",
+    out: Out = Path("zpm2-export"),
+    images: Annotated[
+        Path | None,
+        typer.Option(help="Folder that the names of photographs start from.  [default: the deepest that holds all]"),
+    ] = None,
+    matched: Annotated[bool, typer.Option("--matched", help="Only points inside both polygons of a match.")] = False,
+    seed: Seed = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the points of many results for COLMAP or hloc.
+
+    A point that several pairs have is one keypoint. colmap: database.db with photographs, cameras by their EXIF,
+    keypoints, matches, and what COLMAP's geometric verification accepts, ready for its mapper. hloc: features.h5 and
+    matches.h5. Both: pairs.txt.
+    """
+    from zpm2.config import Config
+    from zpm2.export import collect, colmap, hloc
+    from zpm2.formats.colmap import require_pycolmap
+
+    if to == "colmap":
+        require_pycolmap()
+    else:
+        hloc.require_h5py()
+    names = colmap.FILES if to == "colmap" else hloc.FILES
+    with fresh_folder(out, *results, images, names=names):
+        keypoints = collect(_results(results), images, matched)
+        if to == "colmap":
+            colmap.write(keypoints, out, Config().seed if seed is None else seed)
+        else:
+            hloc.write(keypoints, out)
+    if not quiet:
+        points = sum(len(each) for each in keypoints.points.values())
+        matches = sum(len(pair.rows) for pair in keypoints.pairs)
+        print(f"{len(keypoints.points)} photographs with {points} keypoints")
+        print(f"{len(keypoints.pairs)} pairs with {matches} matches")
+        print(f"names start from {keypoints.root}\nin {out}")
+
+
+def _results(folders: list[Path]) -> "Iterator[MatchResult]":
+    from zpm2.evaluate.overview import found_below
+    from zpm2.formats.saving import DOCUMENT
+    from zpm2.result import MatchResult
+
+    for folder in folders:
+        places = [folder] if folder.is_file() or (folder / DOCUMENT).is_file() else found_below(folder)
+        places = [place for place in places if place.is_file() or (place / DOCUMENT).is_file()]
+        if not places:
+            raise InputError(f"{folder} holds no result: give folders that zpm2 match or zpm2 eval wrote")
+        for place in places:
+            try:
+                yield MatchResult.load(place)
+            except InputError as error:
+                if place == folder:
+                    raise
+                warn([f"left out: {error}"])
