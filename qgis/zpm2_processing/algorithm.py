@@ -158,12 +158,13 @@ class _Styler(QgsProcessingLayerPostProcessorInterface):
             feedback.pushWarning(f"The style {self.style.name} cannot be loaded: {message}")
 
 
-_stylers: dict[Path, _Styler] = {}  # QGIS does not keep them alive
+_stylers: list[_Styler] = []  # contexts own and delete them, but do not keep their Python part alive
 
 
 def _load_on_completion(layer: ResultLayer, context: QgsProcessingContext) -> None:
     details = QgsProcessingContext.LayerDetails(layer.name, context.project(), layer.output)
-    details.setPostProcessor(_stylers.setdefault(layer.style, _Styler(layer.style)))
+    _stylers.append(_Styler(layer.style))  # each layer has its own
+    details.setPostProcessor(_stylers[-1])
     details.forceName = True
     context.addLayerToLoadOnCompletion(layer.source, details)
 
@@ -171,4 +172,3 @@ def _load_on_completion(layer: ResultLayer, context: QgsProcessingContext) -> No
 def choice(option: str, value: str) -> list[str]:
     """An option of the command with its value, or nothing where the value is that of the preset."""
     return [option, value] if value and value != PRESET else []
-

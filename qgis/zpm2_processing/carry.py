@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from qgis.core import (
     QgsProcessing,
     QgsProcessingContext,
@@ -27,7 +29,10 @@ class Carry(Zpm2Algorithm):
         "(zpm2_status): found, in part, outside, hidden (covered, changed or gone), not found. Arrows show where each "
         "one went."
     )
-    LAYERS = {"REGIONS": "The layer in the first other raster", "SHIFTS": "Arrows from the old to the new places"}
+    LAYERS: ClassVar = {
+        "REGIONS": "The layer in the first other raster",
+        "SHIFTS": "Arrows to the new places",
+    }
 
     def inputs(self) -> list[QgsProcessingParameterDefinition]:
         polygons = [QgsProcessing.TypeVectorPolygon]

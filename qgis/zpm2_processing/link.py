@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from qgis.core import (
     QgsProcessing,
     QgsProcessingContext,
@@ -24,7 +26,10 @@ class Link(Zpm2Algorithm):
         "The result is the left layer with the partner of each polygon (zpm2_partner, and its confidence), or the "
         "reason why it has none (zpm2_unmatched), and an arrow from each polygon to its partner."
     )
-    LAYERS = {"REGIONS": "The left layer with its partners", "SHIFTS": "Arrows from each polygon to its partner"}
+    LAYERS: ClassVar = {
+        "REGIONS": "The left layer with its partners",
+        "SHIFTS": "Arrows to the partners",
+    }
 
     def inputs(self) -> list[QgsProcessingParameterDefinition]:
         polygons = [QgsProcessing.TypeVectorPolygon]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 from qgis.core import (
     QgsProcessingContext,
@@ -24,7 +25,7 @@ class Load(Zpm2Algorithm):
         "Loads the layers of a folder that zpm2 match, carry or link wrote, on this machine or another one, with their "
         "styles: matched polygons by confidence, others by the reason, shifts as arrows."
     )
-    LAYERS = {"LEFT": "Polygons of the left raster", "RIGHT": "Polygons of the right raster"}
+    LAYERS: ClassVar = {"LEFT": "Polygons of the left raster", "RIGHT": "Polygons of the right raster"}
     LAYERS |= {"REGIONS": "Carried or linked layer", "SHIFTS": "Arrows"}
 
     def initAlgorithm(self, config: Parameters | None = None) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from qgis.core import (
     QgsProcessing,
     QgsProcessingContext,
@@ -32,7 +34,7 @@ class Match(Zpm2Algorithm):
         "(report.html) and all files of zpm2 match are in the folder of the result.\n\n"
         "Give both layers of regions to match your own polygons instead of those that zpm2 finds."
     )
-    LAYERS = {"LEFT": "Polygons of the left raster", "RIGHT": "Polygons of the right raster"}
+    LAYERS: ClassVar = {"LEFT": "Polygons of the left raster", "RIGHT": "Polygons of the right raster"}
 
     def inputs(self) -> list[QgsProcessingParameterDefinition]:
         polygons = [QgsProcessing.TypeVectorPolygon]

@@ -2,7 +2,7 @@
 <qgis version="3.22" styleCategories="Symbology|MapTips">
   <renderer-v2 type="singleSymbol" symbollevels="0" enableorderby="0" forceraster="0" referencescale="-1">
     <symbols>
-      <symbol name="0" type="line" alpha="1" clip_to_extent="1" force_rhr="0">
+      <symbol name="0" type="line" alpha="1" clip_to_extent="1">
         <layer class="SimpleLine" enabled="1" locked="0" pass="0">
           <Option type="Map">
             <Option name="line_color" type="QString" value="255,255,255,220"/>
@@ -16,7 +16,7 @@
             <Option name="placement" type="QString" value="lastvertex"/>
             <Option name="rotate" type="QString" value="1"/>
           </Option>
-          <symbol name="@0@1" type="marker" alpha="1" clip_to_extent="1" force_rhr="0">
+          <symbol name="@0@1" type="marker" alpha="1" clip_to_extent="1">
             <layer class="SimpleMarker" enabled="1" locked="0" pass="0">
               <Option type="Map">
                 <Option name="name" type="QString" value="filled_arrowhead"/>
@@ -41,7 +41,7 @@
             <Option name="placement" type="QString" value="lastvertex"/>
             <Option name="rotate" type="QString" value="1"/>
           </Option>
-          <symbol name="@0@3" type="marker" alpha="1" clip_to_extent="1" force_rhr="0">
+          <symbol name="@0@3" type="marker" alpha="1" clip_to_extent="1">
             <layer class="SimpleMarker" enabled="1" locked="0" pass="0">
               <Option type="Map">
                 <Option name="name" type="QString" value="filled_arrowhead"/>

@@ -45,8 +45,8 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 
 @contextmanager
 def lines() -> Iterator[Callable[[str, float], None]]:
-    """How far a long run is: a line on stderr every `EVERY` seconds, or as many as `VARIABLE` says. Gives a function of a
-    stage and its share. `ConfigError`."""
+    """How far a long run is: a line on stderr every `EVERY` seconds, or as often as `VARIABLE` says. Gives a function
+    of a stage and its share. `ConfigError`."""
     start, now, over, every = monotonic(), ["start", 0.0], threading.Event(), _seconds()
 
     def tell() -> None:
