@@ -25,8 +25,12 @@ class Load(Zpm2Algorithm):
         "Loads the layers of a folder that zpm2 match, carry or link wrote, on this machine or another one, with their "
         "styles: matched polygons by confidence, others by the reason, shifts as arrows."
     )
-    LAYERS: ClassVar = {"LEFT": "Polygons of the left raster", "RIGHT": "Polygons of the right raster"}
-    LAYERS |= {"REGIONS": "Carried or linked layer", "SHIFTS": "Arrows"}
+    LAYERS: ClassVar = {
+        "LEFT": "Polygons of the left raster",
+        "RIGHT": "Polygons of the right raster",
+        "REGIONS": "Carried or linked layer",
+        "SHIFTS": "Arrows",
+    }
 
     def initAlgorithm(self, config: Parameters | None = None) -> None:
         folder = QgsProcessingParameterFile("FOLDER", "Folder of the result", QgsProcessingParameterFile.Folder)
