@@ -82,7 +82,7 @@ def run(words: Sequence[str], feedback: Feedback) -> None:
             encoding="utf-8",
             errors="replace",
             start_new_session=not WINDOWS,
-            creationflags=subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW if WINDOWS else 0,
+            creationflags=subprocess.CREATE_NO_WINDOW if WINDOWS else 0,
         )
     except OSError as error:
         raise CommandError(f"The command {words[0]} cannot be started: {error.strerror or error}") from error
@@ -136,11 +136,10 @@ class Told:
 
 
 def stop(process: subprocess.Popen[str]) -> None:
-    """Ends the process and those that it started: first as with Ctrl-C, after `GRACE` at once."""
+    """Ends the process and those that it started: first as with Ctrl-C, after `GRACE` at once (on Windows, where a
+    process without a console gets no signal, always at once; zpm2 goes on from there all the same)."""
     if WINDOWS:
-        process.send_signal(signal.CTRL_BREAK_EVENT)
-        if not _ended(process, GRACE):
-            subprocess.run(["taskkill", "/F", "/T", "/PID", str(process.pid)], check=False, capture_output=True)
+        subprocess.run(["taskkill", "/F", "/T", "/PID", str(process.pid)], check=False, capture_output=True)
         process.wait()
         return
     _signal_group(process, signal.SIGTERM)
