@@ -62,7 +62,7 @@ def find(setting: str) -> str:
 def environment(of: Mapping[str, str]) -> dict[str, str]:
     """The command's environment: without what QGIS sets for itself, with progress every second, and UTF-8."""
     kept = {name: value for name, value in of.items() if name not in OF_QGIS}
-    return {**kept, "ZPM2_PROGRESS": "1", "PYTHONUTF8": "1", "COLUMNS": "120", "NO_COLOR": "1"}
+    return {**kept, "ZPM2_PROGRESS": "1", "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "COLUMNS": "120", "NO_COLOR": "1"}
 
 
 def run(words: Sequence[str], feedback: Feedback) -> None:
