@@ -29,7 +29,7 @@ from .results import ResultLayer, layers_of
 COMMAND = "ZPM2_COMMAND"  # name of the setting
 OUTPUT, LOAD, EXTRA = "OUTPUT", "LOAD_LAYERS", "EXTRA"
 PRESET = "preset's"  # the value of a choice that is left to the preset
-FORMATS = ["gpkg", "shp", "geojson"]  # of layers that zpm2 reads; others are exported as the first one
+FORMATS = ["gpkg", "geojson"]  # whose columns keep their names; others are exported as the first one
 
 Parameters = dict[str, object]
 
