@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from zpm2.cli.console import Interrupted, fresh_folder, lines
+from zpm2.errors import ConfigError
 from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write
 
@@ -67,6 +68,20 @@ def test_lines_come_now_and_then_and_stop_at_the_end(monkeypatch: pytest.MonkeyP
     assert all(line.startswith("tiles: ") for line in said)
     time.sleep(0.12)
     assert heard.getvalue().splitlines() == said
+
+
+def test_programs_that_show_the_progress_say_how_often(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ZPM2_PROGRESS", "0.02")
+    with lines() as progress:
+        progress("points", 0.5)
+        time.sleep(0.1)
+    assert "points: 50%, 0 s\n" in capsys.readouterr().err
+    for wrong in ("often", "0", "-1", "nan", "inf"):
+        monkeypatch.setenv("ZPM2_PROGRESS", wrong)
+        with pytest.raises(ConfigError, match=f"^ZPM2_PROGRESS={wrong}: give the seconds"), lines():
+            pass
 
 
 def test_a_short_run_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """What a person sees of a run: progress, interrupts, and what becomes of the output folder."""
 
+import os
 import signal
 import sys
 import threading
@@ -9,7 +10,10 @@ from pathlib import Path
 from time import monotonic
 from types import FrameType
 
+from zpm2.errors import ConfigError
+
 EVERY = 30.0  # seconds between lines of progress where the error stream is no terminal
+VARIABLE = "ZPM2_PROGRESS"  # of the environment: other seconds, for programs that show the progress (qgis/)
 
 
 @contextmanager
@@ -41,11 +45,12 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 
 @contextmanager
 def lines() -> Iterator[Callable[[str, float], None]]:
-    """How far a long run is: a line on stderr every `EVERY` seconds. Gives a function of a stage and its share."""
-    start, now, over = monotonic(), ["start", 0.0], threading.Event()
+    """How far a long run is: a line on stderr every `EVERY` seconds, or as often as `VARIABLE` says. Gives a function
+    of a stage and its share. `ConfigError`."""
+    start, now, over, every = monotonic(), ["start", 0.0], threading.Event(), _seconds()
 
     def tell() -> None:
-        while not over.wait(EVERY):
+        while not over.wait(every):
             print(f"{now[0]}: {now[1]:.0%}, {monotonic() - start:.0f} s", file=sys.stderr, flush=True)
 
     def progress(stage: str, share: float) -> None:
@@ -58,6 +63,19 @@ def lines() -> Iterator[Callable[[str, float], None]]:
     finally:
         over.set()
         voice.join()
+
+
+def _seconds() -> float:
+    given = os.environ.get(VARIABLE, "")
+    if not given:
+        return EVERY
+    try:
+        seconds = float(given)
+    except ValueError:
+        seconds = 0.0
+    if not 0.01 <= seconds <= 86_400:
+        raise ConfigError(f"{VARIABLE}={given}: give the seconds between two lines of progress, from 0.01 to 86400")
+    return seconds
 
 
 @contextmanager
