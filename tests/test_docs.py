@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import boards
@@ -19,6 +20,7 @@ import zpm2
 from zpm2 import config
 
 ROOT = Path(__file__).parent.parent
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 # prompts, points and windows, to be done in seconds
 FEW = ["segment.grid=4", "points.max_keypoints=1000", "segment.detail.level=off"]
@@ -33,8 +35,8 @@ def blocks(language: str) -> list[tuple[Path, str]]:
 
 
 def commands() -> list[str]:
-    """Each `zpm2 ...` line once. Lines that install are run by .ci/run, exactly as printed."""
-    lines = [line.strip() for _, text in blocks("bash") for line in text.splitlines()]
+    """Each `zpm2 ...` line once, without its comment. Lines that install are run by .ci/run, exactly as printed."""
+    lines = [line.partition("  #")[0].strip() for _, text in blocks("bash") for line in text.splitlines()]
     return list(dict.fromkeys(line for line in lines if line.startswith("zpm2 ")))
 
 
@@ -187,6 +189,31 @@ def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> No
         exec(compile(text, page.name, "exec"), names)
     assert names["sure"] is not None
     assert (workplace / "out" / "overlay.png").exists()
+
+
+@pytest.mark.weights
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs_from_top_to_bottom(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rasterio")
+    monkeypatch.chdir(tmp_path)
+    quick = config.assign(config.preset("default"), [*FEW, "pose.crops=off"])
+    monkeypatch.setitem(config.PRESETS, "default", quick)
+    names: dict[str, object] = {}
+    for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"], 1):
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), f"{notebook.name}, cell {number}", "exec"), names)
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+
+
+def test_equations_name_code_that_exists() -> None:
+    names = re.findall(r"`zpm2\.([\w.]+)`", (ROOT / "docs" / "equations.md").read_text(encoding="utf-8"))
+    assert len(names) >= 20
+    for name in names:
+        *rooms, last = name.split(".")
+        holder = rooms.pop() if rooms[-1][0].isupper() else None  # a class
+        module = import_module(".".join(["zpm2", *rooms]))
+        assert hasattr(getattr(module, holder) if holder else module, last), name
 
 
 def test_links_lead_somewhere() -> None:
