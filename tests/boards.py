@@ -1,5 +1,7 @@
 """Photographs of two textured boards, one before the other, from cameras that are known exactly."""
 
+from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +52,18 @@ def seen(camera: PosedCamera) -> tuple[np.ndarray, np.ndarray]:
 def write(folder: Path, count: int = 4) -> list[Path]:
     """The photographs as files."""
     folder.mkdir(parents=True)
-    paths = []
-    for k, camera in enumerate(cameras(count)):
-        paths.append(folder / f"{k}.png")
-        PIL.Image.fromarray(seen(camera)[0]).save(paths[-1])
+    paths = [folder / f"{k}.png" for k in range(count)]
+    for path, content in zip(paths, _files(count), strict=True):
+        path.write_bytes(content)
     return paths
+
+
+@cache
+def _files(count: int) -> list[bytes]:
+    files = [BytesIO() for _ in range(count)]
+    for file, camera in zip(files, cameras(count), strict=True):
+        PIL.Image.fromarray(seen(camera)[0]).save(file, "png")
+    return [file.getvalue() for file in files]
 
 
 def coarse(patch: pytest.MonkeyPatch, depth: int = 8) -> None:
