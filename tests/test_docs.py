@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from rendered import Pair, Run
 
 import zpm2
 from zpm2 import config
+from zpm2.cli.app import COMMANDS
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -220,6 +222,17 @@ def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_navigation_of_the_site(tmp_path: Path) -> None:
+    site = runpy.run_path(str(ROOT / "docs" / "site" / "build.py"))
+    site["gather"](tmp_path / "pages")
+    assert site["not_in_navigation"](tmp_path / "pages") == set()
+    reference = (tmp_path / "pages" / "commands.md").read_text(encoding="utf-8")
+    for command in COMMANDS:
+        assert f"## `zpm2 {command}`\n" in reference
+    assert site["below"]("../SECURITY.md#top") == "security.md#top"
+    assert site["below"]("docs/files.md") == "files.md"
 
 
 def configuration_table() -> str:

@@ -2,7 +2,8 @@
 
     python docs/site/build.py [FOLDER]
 
-FOLDER (build/site, if none is given) gets pages/, what the site is made from, and html/, the site: see html/index.html.
+FOLDER (build/site, if none is given) gets pages/, what the site is made from, and html/, the site. To look at it with its
+search: python -m http.server -d build/site/html
 Stops at a broken link, at a page that is not in the navigation, and at anything that a page would load from elsewhere.
 """
 
@@ -81,7 +82,6 @@ def from_elsewhere(html: Path) -> list[str]:
         f"{page.relative_to(html)}: {found}"
         for page in sorted(html.rglob("*.html"))
         for found in LOADED.findall(page.read_text(encoding="utf-8"))
-        if 'rel="canonical"' not in found
     ]
 
 
