@@ -2,8 +2,8 @@
 
     python docs/site/build.py [FOLDER]
 
-FOLDER (build/site, if none is given) gets pages/, what the site is made from, and html/, the site. To look at it with its
-search: python -m http.server -d build/site/html
+FOLDER (build/site, if none is given) gets pages/, what the site is made from, and html/, the site. Look at it, with its
+search, by python -m http.server -d build/site/html.
 Stops at a broken link, at a page that is not in the navigation, and at anything that a page would load from elsewhere.
 """
 
