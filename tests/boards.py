@@ -31,7 +31,7 @@ def cameras(count: int = 4) -> list[PosedCamera]:
 
 def seen(camera: PosedCamera) -> tuple[np.ndarray, np.ndarray]:
     """(h, w, 3) what a camera sees, and (h, w) its depth."""
-    far, near = photograph(1, 1200, 900), photograph(2, 300, 300)
+    far, near = _textures()
     picture, depth = None, None
     for texture, z, low in ((far, FAR, (-3.0, -2.25)), (near, NEAR, (-0.75, -0.75))):
         board = np.array([[TEXEL, 0, low[0]], [0, TEXEL, low[1]], [0, 0, z]])  # texture px -> world, times (u, v, 1)
@@ -56,6 +56,11 @@ def write(folder: Path, count: int = 4) -> list[Path]:
     for path, content in zip(paths, _files(count), strict=True):
         path.write_bytes(content)
     return paths
+
+
+@cache
+def _textures() -> tuple[np.ndarray, np.ndarray]:
+    return photograph(1, 1200, 900), photograph(2, 300, 300)
 
 
 @cache
