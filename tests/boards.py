@@ -1,5 +1,7 @@
 """Photographs of two textured boards, one before the other, from cameras that are known exactly."""
 
+from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,7 @@ def cameras(count: int = 4) -> list[PosedCamera]:
 
 def seen(camera: PosedCamera) -> tuple[np.ndarray, np.ndarray]:
     """(h, w, 3) what a camera sees, and (h, w) its depth."""
-    far, near = photograph(1, 1200, 900), photograph(2, 300, 300)
+    far, near = _textures()
     picture, depth = None, None
     for texture, z, low in ((far, FAR, (-3.0, -2.25)), (near, NEAR, (-0.75, -0.75))):
         board = np.array([[TEXEL, 0, low[0]], [0, TEXEL, low[1]], [0, 0, z]])  # texture px -> world, times (u, v, 1)
@@ -50,11 +52,23 @@ def seen(camera: PosedCamera) -> tuple[np.ndarray, np.ndarray]:
 def write(folder: Path, count: int = 4) -> list[Path]:
     """The photographs as files."""
     folder.mkdir(parents=True)
-    paths = []
-    for k, camera in enumerate(cameras(count)):
-        paths.append(folder / f"{k}.png")
-        PIL.Image.fromarray(seen(camera)[0]).save(paths[-1])
+    paths = [folder / f"{k}.png" for k in range(count)]
+    for path, content in zip(paths, _files(count), strict=True):
+        path.write_bytes(content)
     return paths
+
+
+@cache
+def _textures() -> tuple[np.ndarray, np.ndarray]:
+    return photograph(1, 1200, 900), photograph(2, 300, 300)
+
+
+@cache
+def _files(count: int) -> list[bytes]:
+    files = [BytesIO() for _ in range(count)]
+    for file, camera in zip(files, cameras(count), strict=True):
+        PIL.Image.fromarray(seen(camera)[0]).save(file, "png")
+    return [file.getvalue() for file in files]
 
 
 def coarse(patch: pytest.MonkeyPatch, depth: int = 8) -> None:

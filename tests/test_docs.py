@@ -3,9 +3,11 @@
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import boards
@@ -17,8 +19,10 @@ from rendered import Pair, Run
 
 import zpm2
 from zpm2 import config
+from zpm2.cli.app import COMMANDS
 
 ROOT = Path(__file__).parent.parent
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 # prompts, points and windows, to be done in seconds
 FEW = ["segment.grid=4", "points.max_keypoints=1000", "segment.detail.level=off"]
@@ -33,41 +37,53 @@ def blocks(language: str) -> list[tuple[Path, str]]:
 
 
 def commands() -> list[str]:
-    """Each `zpm2 ...` line once. Lines that install are run by .ci/run, exactly as printed."""
-    lines = [line.strip() for _, text in blocks("bash") for line in text.splitlines()]
+    """Each `zpm2 ...` line once, without its comment. Lines that install are run by .ci/run, exactly as printed."""
+    lines = [line.partition("  #")[0].strip() for _, text in blocks("bash") for line in text.splitlines()]
     return list(dict.fromkeys(line for line in lines if line.startswith("zpm2 ")))
 
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of four photographs of one scene."""
+    """A folder of three photographs of one scene."""
     folder = tmp_path_factory.mktemp("scene") / "photographs"
-    boards.write(folder, 4)
+    boards.write(folder, 4)[-1].unlink()  # four of them are as near to each other as surfaces need
+    return folder
+
+
+@pytest.fixture(scope="module")
+def grey(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the photographs in grey: band 1 of the GeoTIFFs is what the networks saw before."""
+    folder = tmp_path_factory.mktemp("grey")
+    for side in ("left", "right"):
+        grey = PIL.Image.open(getattr(pair, side)).convert("L")
+        grey.convert("RGB").save(folder / f"{side}.png")
+        georeferenced(folder / f"{side}.tif", np.asarray(grey.convert("RGB")))
     return folder
 
 
 @pytest.fixture
-def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def workplace(pair: Pair, grey: Path, photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the files that the pages speak of."""
     (tmp_path / "zpm2-demo").mkdir()
     for folder in (tmp_path, tmp_path / "zpm2-demo"):
         for side in ("left", "right"):
-            shutil.copy(getattr(pair, side), folder / f"{side}.png")
+            shutil.copy(grey / f"{side}.png", folder)
             shutil.copy(getattr(pair, f"{side}_regions"), folder / f"{side}_labels.png")
         some = np.asarray(PIL.Image.open(folder / "left_labels.png"))
         PIL.Image.fromarray(np.where(some <= 8, some, 0).astype(some.dtype)).save(folder / "left_labels.png")
     (tmp_path / "data").mkdir()
-    pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
+    pairs = [{"name": "demo", "left": str(grey / "left.png"), "right": str(grey / "right.png"), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
     (tmp_path / "theirs").mkdir()
     theirs = {"schema": "zpm2-area-matches/1", "matches": []}
     (tmp_path / "theirs" / "demo.json").write_text(json.dumps(theirs))
     for name, side in (("epoch1", "left"), ("epoch2", "right")):
-        georeferenced(tmp_path / f"{name}.tif", np.asarray(PIL.Image.open(getattr(pair, side))))
+        shutil.copy(grey / f"{side}.tif", tmp_path / f"{name}.tif")
     for year, turn in (("2019", 0.0), ("2024", 0.05)):
         layer(tmp_path / f"houses_{year}.geojson", turn)
     shutil.copytree(photographs, tmp_path / "photos")
     monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
+    monkeypatch.setattr("zpm2.evaluate.speed._marked", lambda image, run: image)  # tests/evaluate/test_speed.py marks them
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -130,6 +146,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, m
         words += ["--set", "tiles.size=400"]  # fewer ones
     if words[0] == "tracks":
         words += ["--set", "tracks.window=1", "--set", "tracks.extend=false"]
+    if words[0] == "reconstruct":
+        words += ["--set", "reconstruct.poisson_depth=8"]
     if "vismatch" in words and "ZPM2_VISMATCH_PYTHON" not in os.environ:
         pytest.skip("vismatch needs an environment of its own; tests/features runs a stand-in")
     if "--accept-licence" in words:
@@ -139,7 +157,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, m
         if reconstructed.exists():
             shutil.copytree(reconstructed, "ws")
         else:
-            assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480").code == 0
+            coarse = "--set", "reconstruct.poisson_depth=8"
+            assert run("reconstruct", "photos", "-o", "ws", "--max-size", "480", *coarse).code == 0
     if "out/left.geojson" in words:
         assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
     if words[0] == "view" and words[1] == "out":
@@ -180,10 +199,46 @@ def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert (workplace / "out" / "overlay.png").exists()
 
 
+@pytest.mark.weights
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs_from_top_to_bottom(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rasterio")
+    monkeypatch.chdir(tmp_path)
+    quick = config.assign(config.preset("default"), [*FEW, "pose.crops=off"])
+    monkeypatch.setitem(config.PRESETS, "default", quick)
+    names: dict[str, object] = {}
+    for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"], 1):
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), f"{notebook.name}, cell {number}", "exec"), names)
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+
+
+def test_equations_name_code_that_exists() -> None:
+    names = re.findall(r"`zpm2\.([\w.]+)`", (ROOT / "docs" / "equations.md").read_text(encoding="utf-8"))
+    assert len(names) >= 20
+    for name in names:
+        *rooms, last = name.split(".")
+        holder = rooms.pop() if rooms[-1][0].isupper() else None  # a class
+        module = import_module(".".join(["zpm2", *rooms]))
+        assert hasattr(getattr(module, holder) if holder else module, last), name
+
+
 def test_links_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_navigation_of_the_site(tmp_path: Path) -> None:
+    site = runpy.run_path(str(ROOT / "docs" / "site" / "build.py"))
+    site["gather"](tmp_path / "pages")
+    assert site["not_in_navigation"](tmp_path / "pages") == set()
+    reference = (tmp_path / "pages" / "commands.md").read_text(encoding="utf-8")
+    for command in COMMANDS:
+        assert f"## `zpm2 {command}`\n" in reference
+    assert site["below"]("../SECURITY.md#top") == "security.md#top"
+    assert site["below"]("docs/files.md") == "files.md"
 
 
 def configuration_table() -> str:

@@ -21,6 +21,7 @@ from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 SECONDS = 20
 NETWORKS = ("segment.", "guided.", "raster.", "tiles.", "cloud.")  # need weights, rasters or a mesh: tests of their own
+OTHERS = ("carry.", "link.", "tracks.", "stereo.", "reconstruct.")  # neither matching nor pose of a pair reads them
 NUMBERS = {
     name: rule_of(item)
     for name, item, value in _fields(Config())
@@ -66,6 +67,8 @@ def test_an_option_at_its_end(name: str, end: str, small: Pair, usual: MatchResu
         config = assign(preset("default"), [*QUICK, f"{name}={value:.10g}"])
         config.check_together()
     except ConfigError:
+        return
+    if name.startswith(OTHERS) or config == assign(preset("default"), QUICK):
         return
     if not name.startswith("pose."):
         with contextlib.suppress(ConfigError, InputError):

@@ -1,9 +1,12 @@
 """Pairs on which a matcher is tempted to make things up, with the real networks."""
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from remembered import remembered
 from rendered import Pair, photograph
 
 from zpm2 import MatchResult
@@ -13,6 +16,13 @@ from zpm2.pipeline import PairMatcher
 pytestmark = pytest.mark.weights
 
 Picture = NDArray[np.uint8]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def networks() -> Iterator[None]:
+    """Loaded once, and asked once about one picture."""
+    with remembered():
+        yield
 
 
 @pytest.fixture(scope="module")

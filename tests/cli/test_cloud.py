@@ -108,8 +108,16 @@ def test_a_disparity_with_its_sign_and_a_camera_that_hardly_fits(
         assert not (tmp_path / "b").exists()
 
 
+@pytest.fixture(scope="module")
+def surface(pair: Pair, rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The true surface as a mesh."""
+    file = tmp_path_factory.mktemp("surface") / "mesh.ply"
+    write_surface(disparity_mesh(pair.scene.disparity, rig, CloudConfig()), file)
+    return file
+
+
 @pytest.fixture
-def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
+def workspace(pair: Pair, rig: Rig, surface: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "ws"
     model = folder / "sparse" / "0"
     model.mkdir(parents=True)
@@ -125,7 +133,7 @@ def workspace(pair: Pair, rig: Rig, tmp_path: Path) -> Path:
         shift = " ".join(map(repr, view.translation.tolist()))
         lines += [f"{number} {w} {x} {y} {z} {shift} 1 {path.name}", ""]
     (model / "images.txt").write_text("\n".join(lines) + "\n")
-    write_surface(disparity_mesh(pair.scene.disparity, rig, CloudConfig()), folder / "mesh.ply")
+    shutil.copy(surface, folder)
     return folder
 
 

@@ -2,12 +2,14 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rendered import Pair
 
 from zpm2.config import Config, PointsConfig, SegmentConfig
 from zpm2.errors import InputError
-from zpm2.evaluate.speed import OTHER, TOTAL, Speed, measure, text
+from zpm2.evaluate.speed import OTHER, TOTAL, Speed, _distinct, measure, text
+from zpm2.model import Image
 
 CONFIG = Config(points=PointsConfig(methods=("sift",)), segment=SegmentConfig(model="classical", grid=6), device="cpu")
 
@@ -66,3 +68,10 @@ def test_other_files_are_refused(content: str, tmp_path: Path) -> None:
 def test_no_run_measures_nothing(pair: Pair) -> None:
     with pytest.raises(InputError, match="0 runs"):
         measure([(pair.left, pair.right)], CONFIG, 0)
+
+
+def test_no_photograph_of_many_pairs_is_the_same() -> None:
+    flat = Image(np.full((40, 60, 3), 100, np.uint8))
+    pairs = list(_distinct([(flat, flat)], 3))
+    assert len({left.rgb.tobytes() for left, _ in pairs}) == 3
+    assert all(np.abs(left.rgb.astype(int) - 100).mean() < 5 for left, _ in pairs)

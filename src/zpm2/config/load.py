@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from zpm2.config.parse import known, overlay
 from zpm2.config.whole import Config, describe
 from zpm2.errors import ConfigError, did_you_mean
 from zpm2.files.reading import read_json, read_toml
@@ -81,9 +82,9 @@ def recorded(values: Mapping[str, object]) -> Config:
     >>> recorded({"segment": {"min_area": 7, "gird": 9}}).segment.min_area
     7.0
     """
-    with suppress(ConfigError):
-        return Config.from_dict(values)
     config = Config()
+    with suppress(ConfigError):
+        return overlay(config, known(config, values))
     for key, _, _, _ in describe(config):
         value: object = values
         for name in key.split("."):

@@ -41,6 +41,16 @@ def overlay(base: T, values: object, where: str = "") -> T:
     return dataclasses.replace(base, **changed)
 
 
+def known(base: "DataclassInstance", values: Mapping[str, object]) -> dict[str, object]:
+    """Those of `values` that the dataclass `base` has fields for, and so on in the stages that are dataclasses."""
+    kept = {f.name: values[f.name] for f in dataclasses.fields(base) if f.name in values}
+    for name, value in kept.items():
+        stage = getattr(base, name)
+        if dataclasses.is_dataclass(stage) and not isinstance(stage, type) and isinstance(value, Mapping):
+            kept[name] = known(stage, value)
+    return kept
+
+
 def _words(values: object, name: str) -> dict[str, object]:
     """Options whose names and types are free. A text that reads as a number, true or false is one."""
     if not isinstance(values, Mapping):
