@@ -10,13 +10,10 @@ from zpm2.api import Matcher
 from zpm2.batch.job import Job
 from zpm2.batch.pair_list import Pair
 from zpm2.batch.tables import Columns, Value
-from zpm2.carry.result import DOCUMENT, PICTURE
 from zpm2.errors import Failed, Zpm2Error
-from zpm2.formats.saving import file_names as match_names
 from zpm2.photos.source import ImageLike
 from zpm2.plugins import value_at
 from zpm2.pose import PoseFinder, PoseResult, find
-from zpm2.pose.run import file_names as pose_names
 from zpm2.result import MatchResult
 from zpm2.runtime import resolve_device
 
@@ -36,11 +33,6 @@ class PairCommand(Protocol):
     @property
     def columns(self) -> Columns:
         """What the index says of a pair: names and kinds."""
-        ...
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The names of the files that it may write for a pair."""
         ...
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
@@ -75,7 +67,7 @@ class Match:
     columns = MATCH
 
     def __init__(self, job: Job) -> None:
-        self.job, self.files = job, tuple(match_names(job.formats))
+        self.job = job
         self.matcher = Matcher(job.config, photographs=job.photographs)
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
@@ -118,7 +110,6 @@ class Pose(Match):
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
-        self.files = (*self.files, *pose_names())
         self.finder = PoseFinder(job.config, device=resolve_device(job.config.device))
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
@@ -157,7 +148,6 @@ class Carry:
 
     def __init__(self, job: Job) -> None:
         self.job = job
-        self.files = (DOCUMENT, PICTURE, "report.html")  # those of regions have the name of what was given
         self.matcher = Matcher(job.config, photographs=job.photographs)
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:

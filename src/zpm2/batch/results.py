@@ -7,7 +7,7 @@ index and the key of what it was made from.
 import contextlib
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -16,7 +16,7 @@ from zpm2.batch import remote
 from zpm2.batch.tables import Value
 from zpm2.errors import InputError, OutputError
 from zpm2.files.reading import WRONG, parse_json, read_bytes
-from zpm2.files.record import remove_own
+from zpm2.files.record import remove_made, remove_own
 from zpm2.files.writing import atomic_write, claim
 
 PAIRS, PAIR, INDEX = "pairs", "pair.json", "index.parquet"
@@ -59,9 +59,9 @@ class Results(Protocol):
         """The row of a pair that is finished and was made with that key."""
         ...
 
-    def save(self, row: PairRow, key: str, files: Sequence[str], write: Callable[[Path], object] | None) -> None:
-        """Fills the folder of a pair: by `write`, or, where it is None, with no result. `files` are the names that may
-        be written there. Errors are those of `write`, and `OutputError`."""
+    def save(self, row: PairRow, key: str, write: Callable[[Path], object] | None) -> None:
+        """Fills the folder of a pair anew: by `write`, or, where it is None, with its row alone. Errors are those of
+        `write`, and `OutputError`."""
         ...
 
     def tidy(self, name: str) -> None:
@@ -83,16 +83,13 @@ class LocalResults:
         except OSError:
             return None
 
-    def save(self, row: PairRow, key: str, files: Sequence[str], write: Callable[[Path], object] | None) -> None:
+    def save(self, row: PairRow, key: str, write: Callable[[Path], object] | None) -> None:
         """See `Results`."""
-        folder = claim(self.pairs / row.name, [*files, PAIR])
+        folder = claim(self.pairs / row.name, [PAIR])
         remove_own(folder / PAIR)
+        remove_made(folder)
         if write is not None:
             write(folder)
-        else:
-            for name in files:  # of an earlier result
-                with contextlib.suppress(OutputError):  # a folder, which stays
-                    remove_own(folder / name)
         atomic_write(folder / PAIR, row.document(key))
 
     def tidy(self, name: str) -> None:
@@ -116,7 +113,7 @@ class RemoteResults:
         except InputError:
             return None
 
-    def save(self, row: PairRow, key: str, files: Sequence[str], write: Callable[[Path], object] | None) -> None:
+    def save(self, row: PairRow, key: str, write: Callable[[Path], object] | None) -> None:
         """See `Results`."""
         place = f"{PAIRS}/{row.name}"
         with tempfile.TemporaryDirectory(prefix="zpm2-") as made:

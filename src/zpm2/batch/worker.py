@@ -1,7 +1,7 @@
 """What a process does with the pairs that it gets: one after the other, each result saved before it is told."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
@@ -53,26 +53,26 @@ class Worker:
                 )
 
     def _saved(self, task: Task, result: Finished | Zpm2Error) -> PairRow | Trouble:
-        name, files = task.pair.name, self.command.files
+        name = task.pair.name
         try:
             if isinstance(result, Zpm2Error):
                 raise result
             row = PairRow(name, DONE, None, result.seconds, result.found)
-            self.results.save(row, task.key, files, result.write)
+            self.results.save(row, task.key, result.write)
             return row
         except Zpm2Error as error:
-            return failed(self.results, task, error, files)
+            return failed(self.results, task, error)
         except Exception as error:  # whatever a library may raise
             return Trouble(name, _told(error))
 
 
-def failed(results: Results, task: Task, error: Zpm2Error | str, files: Sequence[str] = ()) -> PairRow:
+def failed(results: Results, task: Task, error: Zpm2Error | str) -> PairRow:
     """The row of a pair that failed, which its folder gets, too. An `OutputError` that concerns all pairs is raised."""
     row = PairRow(task.pair.name, FAILED, str(error))
     try:
         if isinstance(error, OutputError):
             raise error
-        results.save(row, task.key, files, None)
+        results.save(row, task.key, None)
     except OutputError as trouble:  # of files that are not ours, the folder keeps them
         if stops_all(trouble):
             raise

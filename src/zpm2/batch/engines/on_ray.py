@@ -1,6 +1,7 @@
 """Ray: workers are actors, on this machine or in a cluster. Extra `ray`."""
 
 import os
+import sys
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 class RayWorker:
     """What an actor is."""
 
-    def __init__(self, job: Job, sharing: int) -> None:
+    def __init__(self, job: Job, sharing: int, places: list[str]) -> None:
+        sys.path += [place for place in places if place not in sys.path]
         memory.share_among(sharing)
         self.job = job
         self.worker: Worker | None = None
@@ -43,8 +45,8 @@ class _Hand:
 
 
 class RayEngine:
-    """So many actors, each with one block in work and one message on its way. Ray starts one that dies again, on
-    another machine if need be.
+    """So many actors, each with one block in work, whose rows come as they are finished. One that dies is replaced,
+    wherever Ray finds room.
 
     address: of a cluster, "auto" for the one that this machine belongs to; None: Ray is started here, for this run.
     cpus, gpus: of each actor; four share a GPU with 0.25. `MissingDependency` without Ray, `ConfigError` where the
@@ -52,7 +54,7 @@ class RayEngine:
     """
 
     def __init__(self, workers: int, address: str | None = None, cpus: float = 1.0, gpus: float = 0.0) -> None:
-        self.workers, self.cpus, self.gpus = workers, cpus, gpus
+        self.workers, self.cpus, self.gpus, self._here = workers, cpus, gpus, address is None
         self._ray, self._ours = _connected(address, max(workers * cpus, os.cpu_count() or 1))
         room = self._ray.cluster_resources()
         if room.get("CPU", 0) < cpus or room.get("GPU", 0) < gpus:
@@ -63,8 +65,10 @@ class RayEngine:
         """See `Engine`."""
         ray = self._ray
         nodes = sum(bool(node["Alive"]) for node in ray.nodes())
-        made = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_restarts=-1, max_task_retries=0)(RayWorker)
-        crew = [_Hand(made.remote(job, -(-self.workers // nodes))) for _ in range(min(self.workers, len(supply)))]
+        made = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus)(RayWorker)
+        places = sys.path if self._here else []  # of plug-ins; in a cluster, packages are installed on each machine
+        more = job, -(-self.workers // nodes), places
+        crew = [_Hand(made.remote(*more)) for _ in range(min(self.workers, len(supply)))]
         try:
             while True:
                 for hand in crew:
@@ -81,8 +85,9 @@ class RayEngine:
                 except StopIteration:
                     hand.stream = None
                 except ray.exceptions.RayError as error:
-                    hand.stream = None
-                    yield from supply.lost(hand.given, _why(error))
+                    ray.kill(hand.actor)  # the call failed; whether it still lives or not
+                    hand.actor, hand.stream = made.remote(*more), None
+                    yield from supply.lost(hand.given, f"its actor died ({type(error).__name__})")
                 else:
                     if isinstance(message, Zpm2Error):
                         raise message
@@ -108,14 +113,10 @@ def _connected(address: str | None, cpus: float) -> "tuple[ModuleType, bool]":
         return ray, False
     try:
         if address is None:
-            ray.init(num_cpus=int(cpus), include_dashboard=False, log_to_driver=False, logging_level="warning")
+            ray.init(num_cpus=int(cpus), include_dashboard=False, log_to_driver=False, logging_level="error")
         else:
-            ray.init(address=address, log_to_driver=False, logging_level="warning")
+            ray.init(address=address, log_to_driver=False, logging_level="error")
     except (ConnectionError, ValueError, RuntimeError, OSError) as error:
         text = " ".join(str(error).split())[:200]
         raise ConfigError(f"no Ray cluster at {address or 'this machine'}: {text}") from error
     return ray, True
-
-
-def _why(error: Exception) -> str:
-    return f"its actor died ({type(error).__name__})"
