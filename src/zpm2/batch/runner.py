@@ -210,6 +210,7 @@ class _Teller:
         self.count, self.progress, self.say = count, progress, say
         self.done = self.failed = 0
         self.begun = self.said = time.monotonic()
+        progress("pairs", 0.0)
 
     def __call__(self, row: PairRow) -> None:
         self.done += 1
