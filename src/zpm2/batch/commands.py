@@ -99,8 +99,9 @@ class Match:
             "same_scene": None if result.same_scene is None else round(result.same_scene, 4),
             "warnings": len(result.warnings),
         }
-        formats, report = self.job.formats, self.job.report
-        return Finished(lambda folder: result.save(folder, formats, report), found, sum(result.timings.values()))
+        job = self.job
+        seconds = sum(result.timings.values())
+        return Finished(lambda folder: result.save(folder, job.formats, job.report, job.pictures), found, seconds)
 
 
 class Pose(Match):

@@ -26,6 +26,7 @@ class Job:
     config: Config = field(default_factory=lambda: preset("default"))
     formats: tuple[str, ...] = ()  # of `match`, as `MatchResult.save` takes them
     report: bool = False  # whether each result gets its report.html
+    pictures: bool = False  # whether `match` and `pose` write overlay.png and unmatched.png
     regions: str | None = None  # of `carry`, for pairs whose list names none
     rigid: bool = False  # of `carry`
     k: str | None = None  # of `pose`, for pairs whose list names none
@@ -52,7 +53,7 @@ class Job:
         everything = {name: value for name, value in self.config.to_dict().items() if name not in MACHINE}
         settings = matching_part(self.config) if self.command == "match" else everything
         foreign = code_of(module_of(value_at(self.command, "command"))) if ":" in self.command else ""
-        plain = self.command, self.formats, self.report, self.rigid, self.centers
+        plain = self.command, self.formats, self.report, self.pictures, self.rigid, self.centers
         return key((), settings, *plugin_code(self.config), foreign, *plain)
 
     def filled(self, pair: Pair) -> Pair:

@@ -117,6 +117,14 @@ def batch(
     page: Annotated[
         bool, typer.Option("--report/--no-report", help="Write report.html of each pair.", rich_help_panel=RESULT)
     ] = False,
+    pictures: Annotated[
+        bool,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="match, pose: write overlay.png and unmatched.png, most of the bytes of a pair.",
+            rich_help_panel=RESULT,
+        ),
+    ] = False,
     regions: Annotated[
         str | None,
         typer.Option(help="carry: regions of all left photographs.  [default: of the list]", rich_help_panel=REGIONS),
@@ -177,7 +185,7 @@ def batch(
     if (engine == "local") and (address is not None or gpus):
         raise ConfigError("--address and --gpus are of --engine ray: give it, too")
     regions = None if regions is None else os.path.abspath(regions)
-    job = batches.Job(out, command, config, tuple(formats or ()), page, regions, rigid, k, k2)
+    job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2)
     job.check()
     with bars(quiet or as_json) as (progress, say):
         if os.path.isdir(pairs):
