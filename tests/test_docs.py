@@ -59,6 +59,7 @@ def workplace(pair: Pair, photographs: Path, tmp_path: Path, monkeypatch: pytest
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(pair.left), "right": str(pair.right), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
+    (tmp_path / "pairs.csv").write_text("left,right\nleft.png,right.png\n")
     (tmp_path / "theirs").mkdir()
     theirs = {"schema": "zpm2-area-matches/1", "matches": []}
     (tmp_path / "theirs" / "demo.json").write_text(json.dumps(theirs))
@@ -126,6 +127,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path) -
     words = shlex.split(command, comments=True)[1:]
     if words[0] in ("match", "eval", "pose", "cloud", "bench", "tracks"):
         words += QUICK
+    if words[0] == "batch":  # in processes of its own, for which no network is remembered
+        words += ["--segmenter", "classical", "--points", "sift", "--set", "guided.direction=off", *QUICK]
     if "--tiles" in words:
         words += ["--set", "tiles.size=400"]  # fewer ones
     if words[0] == "tracks":

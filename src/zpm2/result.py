@@ -166,12 +166,11 @@ class MatchResult:
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
-        "coco" (left.coco.json, right.coco.json), and any other of `formats.registry`; `report` asks for report.html, and
-        without `pictures` there are none: they take some 20 times as much room as all else.
-        Each file appears whole or not at all, and matches.json comes last: where it is, the others are. Files of an
-        earlier result are replaced, others never. `OutputError` if the folder cannot be written or holds other files of
-        these names, `ConfigError` for an unknown format, `MissingDependency` for one without its package, and
-        `InputError` as from `plot`.
+        "coco" (left.coco.json, right.coco.json), and any other of `formats.registry`; `report` asks for report.html;
+        without `pictures` there are none, which saves most of the room that a result takes. Each file appears whole or
+        not at all, and matches.json comes last: where it is, the others are. Files of an earlier result are replaced,
+        others never. `OutputError` if the folder cannot be written or holds other files of these names, `ConfigError`
+        for an unknown format, `MissingDependency` for one without its package, and `InputError` as from `plot`.
         """
         shown = views.all_pictures(self, self._raster(), PICTURE_WIDTH, SHEET_MATCHES) if pictures else {}
         return saving.save(self, directory, formats, shown, self._report if report else None)

@@ -42,6 +42,17 @@ def write(address: str, content: bytes) -> None:
     """Writes a file; stores show it when it is whole. `OutputError` where it cannot be written."""
     system, path = opened(address)
     try:
+        system.makedirs(path.rpartition("/")[0], exist_ok=True)  # stores of objects need none
         system.pipe_file(path, content)
     except Exception as error:  # whatever the package of a store may raise
         raise OutputError(f"cannot write {address}: {type(error).__name__} {error}") from error
+
+
+def remove(address: str) -> None:
+    """Removes a folder, if it is there. `OutputError` where that fails."""
+    system, path = opened(address)
+    try:
+        if system.exists(path):
+            system.rm(path, recursive=True)
+    except Exception as error:  # whatever the package of a store may raise
+        raise OutputError(f"cannot remove {address}: {type(error).__name__} {error}") from error

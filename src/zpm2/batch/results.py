@@ -104,7 +104,6 @@ class RemoteResults:
 
     def __init__(self, out: str) -> None:
         self.out = out.rstrip("/")
-        self.system, self.path = remote.opened(self.out)
 
     def row(self, name: str, key: str) -> PairRow | None:
         """See `Results`."""
@@ -118,17 +117,14 @@ class RemoteResults:
         place = f"{PAIRS}/{row.name}"
         with tempfile.TemporaryDirectory(prefix="zpm2-") as made:
             folder = Path(made) / row.name
+            folder.mkdir()
             if write is not None:
                 write(folder)
-            try:
-                if self.system.exists(f"{self.path}/{place}/{PAIR}"):
-                    self.system.rm_file(f"{self.path}/{place}/{PAIR}")
-                for file in sorted(folder.rglob("*")):
-                    name = file.relative_to(folder)
-                    if file.is_file() and not name.parts[0].startswith("."):
-                        self.system.pipe_file(f"{self.path}/{place}/{name.as_posix()}", file.read_bytes())
-            except Exception as error:  # whatever the package of a store may raise
-                raise OutputError(f"cannot write {self.out}/{place}: {type(error).__name__} {error}") from error
+            remote.remove(f"{self.out}/{place}")  # an earlier result
+            for file in sorted(folder.rglob("*")):
+                name = file.relative_to(folder)
+                if file.is_file() and not name.parts[0].startswith("."):
+                    remote.write(f"{self.out}/{place}/{name.as_posix()}", file.read_bytes())
         remote.write(f"{self.out}/{place}/{PAIR}", row.document(key))
 
     def tidy(self, name: str) -> None:
