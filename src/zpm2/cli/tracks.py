@@ -46,8 +46,8 @@ def tracks(
         typer.Option(
             metavar="WAY",
             help="Which photographs are matched with each other: sequential, exhaustive, exif-gps, colmap (the pairs "
-            "of its database.db), a database or model of COLMAP, a list with two names a line, or auto: by position, else "
-            "by points.",
+            "of its database.db), a database or model of COLMAP, a list with two names a line, or auto: by position, "
+            "else by points.",
             rich_help_panel=METHOD,
             autocompletion=one_of(lambda: ("auto", "sequential", "exhaustive", "exif-gps", "colmap")),
         ),
