@@ -74,6 +74,7 @@ def workplace(pair: Pair, grey: Path, photographs: Path, tmp_path: Path, monkeyp
     (tmp_path / "data").mkdir()
     pairs = [{"name": "demo", "left": str(grey / "left.png"), "right": str(grey / "right.png"), "gt": None}]
     (tmp_path / "data" / "pairs.json").write_text(json.dumps(pairs))
+    (tmp_path / "pairs.csv").write_text("left,right\nleft.png,right.png\n")
     (tmp_path / "theirs").mkdir()
     theirs = {"schema": "zpm2-area-matches/1", "matches": []}
     (tmp_path / "theirs" / "demo.json").write_text(json.dumps(theirs))
@@ -142,6 +143,8 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, m
     words = shlex.split(command, comments=True)[1:]
     if words[0] in ("match", "eval", "pose", "cloud", "bench", "tracks"):
         words += QUICK
+    if words[0] == "batch":  # in processes of its own, for which no network is remembered
+        words += ["--segmenter", "classical", "--points", "sift", "--set", "guided.direction=off", *QUICK]
     if "--tiles" in words:
         words += ["--set", "tiles.size=400"]  # fewer ones
     if words[0] == "tracks":

@@ -87,17 +87,19 @@ class Matcher:
         ones are taken when the results before them were. Do not change arrays before that.
 
         While one pair is compared on the processor, the networks look at the next. They look at a photograph once,
-        however many pairs it is in, as long as it is one of the last `photographs` that were used; each takes some
-        30 MB. Pairs are matched one at a time where segmenters or point matchers are not zpm2's own, where two would
-        not fit into `max_memory`, and in tiles. `progress` is not told; stages of a result's `timings` include waiting
-        for other pairs. `ConfigError` for an `at_once` or a number of `photographs` under 1.
+        however many pairs it is in, as long as it is one of the last `photographs` that were used; each takes some 30
+        MB. A matcher that was made with as many `photographs` keeps them for the next call, too. Pairs are matched one
+        at a time where segmenters or point matchers are not zpm2's own, where two would not fit into `max_memory`, and
+        in tiles. `progress` is not told; stages of a result's `timings` include waiting for other pairs. `ConfigError`
+        for an `at_once` or a number of `photographs` under 1.
         """
         if min(at_once, photographs) < 1:
             raise ConfigError(
                 f"match_many takes at least 1 pair at once and 1 photograph, not {at_once}, {photographs}"
             )
         at_once = at_once if self._whole.takes_threads else 1
-        return self._many(pairs, at_once, KeptPhotos(max(photographs, 2 * at_once)))
+        most = max(photographs, 2 * at_once)
+        return self._many(pairs, at_once, self._photographs if self._photographs.most >= most else KeptPhotos(most))
 
     def _many(
         self, pairs: Iterable[tuple[ImageLike, ImageLike]], at_once: int, kept: KeptPhotos

@@ -38,6 +38,10 @@ class PointMatcherError(Zpm2Error):
     """A point matcher that runs in a process of its own has stopped; the message holds its last words."""
 
 
+class WorkerError(Zpm2Error):
+    """Processes that do a part of a run's work end again and again."""
+
+
 class ForkError(Zpm2Error):
     """Networks are used in a process that was forked after they were loaded."""
 

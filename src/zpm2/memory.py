@@ -23,13 +23,14 @@ _SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
 _CGROUPS, _LISTED = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 _limit: ContextVar[str] = ContextVar("max_memory", default=AUTO)
 _reserved: ContextVar[float] = ContextVar("reserved", default=0.0)
+_processes = 1  # of one run, this one included, which share a budget
 
 
 def size(text: str) -> float:
     """Bytes of a size such as 8GB (10^9 bytes each), 512MB or 7.5GiB (2^30). "none" is infinite, "auto" is `FREE_SHARE`
     of what is free. `ConfigError` for all else."""
     if text == AUTO:
-        return FREE_SHARE * (free() + _own())
+        return FREE_SHARE * (free() / _processes + _own())
     if text == UNLIMITED:
         return math.inf
     found = _SIZE.fullmatch(text)
@@ -66,12 +67,20 @@ def limit(text: str) -> None:
 
 def budget() -> float:
     """Bytes that this process may take in all; infinite where there is no limit, or none is known."""
-    return max(0.0, size(_limit.get()) - _reserved.get())
+    text = _limit.get()
+    return max(0.0, size(text) / (1 if text == AUTO else _processes) - _reserved.get())
+
+
+def share_among(processes: int) -> None:
+    """From here on, this process is one of so many of a run: it has an equal part of what is free, or of the budget."""
+    global _processes
+    _processes = processes
 
 
 def whose() -> str:
     """Where the budget comes from, in words."""
-    return f"{FREE_SHARE:.0%} of what is free" if _limit.get() == AUTO else f"--max-memory {_limit.get()}"
+    text = f"{FREE_SHARE:.0%} of what is free" if _limit.get() == AUTO else f"--max-memory {_limit.get()}"
+    return text if _processes == 1 else f"{text}, for one of {_processes} processes"
 
 
 def refuse_above(needed: float, what: str, way_out: str) -> None:

@@ -31,7 +31,7 @@ from zpm2.model.brief import brief
 from zpm2.model.messages import split
 from zpm2.photos import reopen
 from zpm2.runtime import package_version
-from zpm2.view import pictures
+from zpm2.view import pictures as views
 from zpm2.view import report as page
 
 SCHEMA = "zpm2-matches/1"
@@ -138,18 +138,18 @@ class MatchResult:
 
         `InputError` for a loaded result whose photographs are no longer where they were, or no longer of their size.
         """
-        return PIL.Image.fromarray(pictures.overlay(self, self._raster(), max_width))
+        return PIL.Image.fromarray(views.overlay(self, self._raster(), max_width))
 
     def plot_unmatched(self, max_width: int = PICTURE_WIDTH) -> PIL.Image.Image:
         """Both images with the polygons that have no partner, coloured by why. `InputError` as from `plot`."""
-        return PIL.Image.fromarray(pictures.unmatched(self, self._raster(), max_width))
+        return PIL.Image.fromarray(views.unmatched(self, self._raster(), max_width))
 
     def contact_sheet(self, count: int = SHEET_MATCHES, seed: int = 0) -> PIL.Image.Image:
         """Up to `count` random matches, each with close-ups of its two polygons, to be judged by eye.
 
         Only the parts shown are read from the photographs. `InputError` as from `plot`.
         """
-        return PIL.Image.fromarray(pictures.sheet(self, self._raster(), count, seed))
+        return PIL.Image.fromarray(views.sheet(self, self._raster(), count, seed))
 
     def _repr_html_(self) -> str:
         """For notebooks: the line of `repr` and the overlay, or why there is no overlay."""
@@ -166,19 +166,21 @@ class MatchResult:
         file that needs no network. `InputError` as from `plot`."""
         return page.report(self, self.to_dict(), self._raster())
 
-    def save(self, directory: str | Path, formats: Sequence[str] = (), report: bool = False) -> Path:
+    def save(
+        self, directory: str | Path, formats: Sequence[str] = (), report: bool = False, pictures: bool = True
+    ) -> Path:
         """Write matches.json, left.geojson, right.geojson, overlay.png and unmatched.png into a folder; returns it.
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
         "geoparquet" (left.parquet, right.parquet, matches.parquet), "coco" (left.coco.json, right.coco.json), and any
-        other of `formats.registry`; `report` asks for report.html. Each file appears whole or not at all, and
-        matches.json comes last: where it is, the others are. Files of an earlier result are replaced, others never.
-        `OutputError` if the folder cannot be written or holds other files of
-        these names, `ConfigError` for an unknown format, `MissingDependency` for one without its package, and
-        `InputError` as from `plot`.
+        other of `formats.registry`; `report` asks for report.html; without `pictures` there are none, which saves most
+        of the room that a result takes. Each file appears whole or not at all, and matches.json comes last: where it
+        is, the others are. Files of an earlier result are replaced, others never. `OutputError` if the folder cannot be
+        written or holds other files of these names, `ConfigError` for an unknown format, `MissingDependency` for one
+        without its package, and `InputError` as from `plot`.
         """
-        shown = pictures.all_pictures(self, self._raster(), PICTURE_WIDTH, SHEET_MATCHES)
+        shown = views.all_pictures(self, self._raster(), PICTURE_WIDTH, SHEET_MATCHES) if pictures else {}
         return saving.save(self, directory, formats, shown, self._report if report else None)
 
     @staticmethod

@@ -16,6 +16,7 @@ import rasterio
 import trimesh
 from app_readers import app_readers
 from area_readers import area_readers
+from batch_readers import batch_readers
 from dataset_readers import dataset_readers
 from mutate import SIZE
 from own_readers import own_readers
@@ -46,7 +47,7 @@ def readers() -> list[Reader]:
     """All of them."""
     return [
         *(*_pictures(), *_regions(), *_tables(), *_cameras(), *_meshes()),
-        *(*own_readers(), *dataset_readers(), *area_readers(), *app_readers()),
+        *(*own_readers(), *dataset_readers(), *area_readers(), *app_readers(), *batch_readers()),
     ]
 
 

@@ -42,6 +42,7 @@ NOT_READ = {  # functions in which these names open what no user's file is, and 
     "reconstruct/workspace.py: _fuse": "the same",
     "reconstruct/workspace.py: _mesh": "the same",
     "pose/colmap.py: _write_database": "a database that is written",
+    "batch/results.py: save": "what a command has just written, on its way into a store",
     "formats/regions/labelme.py: _content": "a photograph that was read before, copied as it is",
     "formats/regions/labels.py: _tiff": "a file in memory that is written",
 }

@@ -49,6 +49,7 @@ def cases(folder: Path, ready: bool = True) -> Iterator[list[Case]]:
     inputs.mkdir(parents=True)
     pair = save_pair(render_scene(0, 400, 240), inputs)
     town = towns.houses(60)
+    (inputs / "pairs.csv").write_text("left,right\nleft.png,right.png\nright.png,left.png\n")
     towns.write(inputs / "before.geojson", town)
     towns.write(inputs / "after.geojson", towns.moved(town, (3.0, 2.0), 2.0))
     if ready:
@@ -90,6 +91,8 @@ def _cases(pair: Pair) -> Iterator[Case]:
     simple = ["--segmenter", "classical", "--set", "guided.direction=off", "--set", "segment.detail.level=off"]
     followed = ["tracks", *photographs, "--pairs", "sequential", *simple, *POINTS, *out]
     yield Case("tracks", [*followed, "--set", "points.escalate.on=false"])
+    many = ["batch", "../in/pairs.csv", *simple, *POINTS, "--workers", "2", *out]
+    yield Case("batch", [*many, "--set", "points.escalate.on=false"], needs=("pyarrow",))
     more = ["--rectify", "--colmap"]
     yield Case("pose", ["pose", *photographs, *known, "--K", camera, *POINTS, *more, *out], needs=("pycolmap",))
     yield Case("pose, matched", ["pose", *photographs, "--K", camera, *POINTS, *FEW, *out], networks=True)

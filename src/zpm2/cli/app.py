@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from zpm2.cli import (
+    batch,
     bench,
     carry,
     cloud,
@@ -44,6 +45,7 @@ COMMANDS: Mapping[str, Callable[..., None] | typer.Typer] = {  # in the order of
     "match": match.match,
     "carry": carry.carry,
     "tracks": tracks.tracks,
+    "batch": batch.batch,
     "link": link.link,
     "pose": pose.pose,
     "reconstruct": reconstruct.reconstruct,

@@ -46,11 +46,11 @@ def tracks(
         str,
         typer.Option(
             metavar="WAY",
-            help="Which photographs are matched with each other: sequential, exhaustive, colmap (the pairs of its "
-            "database.db), a database or model of COLMAP, a list with two names a line, or auto: by position (EXIF), "
+            help="Which photographs are matched with each other: sequential, exhaustive, exif-gps, colmap (the pairs "
+            "of its database.db), a database or model of COLMAP, a list with two names a line, or auto: by position, "
             "else by points.",
             rich_help_panel=METHOD,
-            autocompletion=one_of(lambda: ("auto", "sequential", "exhaustive", "colmap")),
+            autocompletion=one_of(lambda: ("auto", "sequential", "exhaustive", "exif-gps", "colmap")),
         ),
     ] = "auto",
     sheets: Annotated[

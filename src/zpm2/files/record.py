@@ -139,6 +139,17 @@ def remove_own(path: Path) -> None:
     _remove(path)
 
 
+def remove_made(folder: Path) -> None:
+    """Removes what runs made in a claimed folder: files that nobody changed since, and folders that are empty then."""
+    for name, known in sorted(_made(folder).items(), reverse=True):  # what is in a folder before it
+        path = folder / name
+        with contextlib.suppress(OSError):  # not there, or not empty
+            if FOLDER in known and path.is_dir() and not path.is_symlink():
+                path.rmdir()
+            elif path.is_file() and fingerprint(path) in known:
+                path.unlink()
+
+
 @contextlib.contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
     """A temporary folder for files that will be moved into `folder`, on the same disk; always removed at the end.

@@ -120,6 +120,11 @@ def _same(a: Path, b: Path) -> bool:
         return False
 
 
+def stops_all(error: OutputError) -> bool:
+    """Whether nothing more can be written, as the disk is full or can only be read."""
+    return isinstance(error.__cause__, OSError) and error.__cause__.errno in _ON_WRITING
+
+
 def why(error: OSError, path: Path) -> str:
     """Why `path` could not be written and what to do, for the end of an `OutputError`'s line."""
     if error.errno in _ON_WRITING:

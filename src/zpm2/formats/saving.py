@@ -53,6 +53,8 @@ def save(
         each.write(result, folder)
     for name, pixels in pictures.items():
         atomic_write(folder / name, png(pixels))
+    for name in set(PICTURES) - set(pictures):  # of an earlier result
+        remove_own(folder / name)
     document = result.to_dict()
     for side in SIDES:
         document[side] |= photo_reference(document[side]["path"], folder)

@@ -90,6 +90,8 @@ def find(
     baseline: float | None = None,
     matches: Place | None = None,
     matched: Callable[[MatchResult], object] = lambda result: None,
+    match: api.PairFunction | None = None,
+    finder: PoseFinder | None = None,
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
 ) -> OrientedPair:
@@ -102,20 +104,22 @@ def find(
     k, k2: the cameras as `--K` of `zpm2 pose` takes them (`stereo.intrinsics.read_camera`); None: as EXIF tells, else
     estimated from the points. centers: where they have the centre of the first pixel, 0.5 or 0 px. baseline: the
     distance of the cameras; t has unit length without it. matches: a folder of `MatchResult.save`, None to match the
-    pair; `matched` is given new matches before the pose is estimated, so that they can be saved. A pose that cannot be
-    estimated is `Failed` in the result. `ConfigError`, `InputError` for what cannot be used, and errors of `Matcher`.
+    pair; `matched` is given new matches before the pose is estimated, so that they can be saved. match, finder: what
+    matches the pair and what finds its pose; for many pairs, a `Matcher` and a `PoseFinder` that are kept, so that
+    models are loaded once. A pose that cannot be estimated is `Failed` in the result. `ConfigError`, `InputError` for
+    what cannot be used, and errors of `Matcher`.
     """
     if baseline is not None and not 0 < baseline < float("inf"):
         raise ConfigError(f"--baseline {baseline}: give a length above 0")
     chosen = configuration.as_config(config)
-    finder = PoseFinder(chosen, device=resolve_device(chosen.device))
+    finder = finder or PoseFinder(chosen, device=resolve_device(chosen.device))
     photographs, raster = (Path(left), Path(right)), chosen.raster
     images = read_image(photographs[0], "left image", raster), read_image(photographs[1], "right image", raster)
     sizes = [(image.width, image.height) for image in images]
     cameras = read_cameras(photographs, sizes, (k, k2), centers)
     with memory.reserved(sum(image.rgb.nbytes for image in images)):
         if matches is None:
-            result = api.Matcher(chosen, progress=progress, say=say)(*photographs)
+            result = (match or api.Matcher(chosen, progress=progress, say=say))(*photographs)
             matched(result)
         else:
             result = api.saved_matches(matches, photographs, sizes)

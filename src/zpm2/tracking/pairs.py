@@ -18,7 +18,7 @@ from zpm2.tracking.look import agreeing_points
 from zpm2.tracking.photographs import Photograph, distances
 
 Pair = tuple[int, int]  # rows of the photographs, the smaller one first
-WAYS = ("auto", "sequential", "exhaustive", "colmap")
+WAYS = ("auto", "sequential", "exhaustive", "exif-gps", "colmap")
 DATABASE = "database.db"
 
 
@@ -45,10 +45,12 @@ def choose_pairs(
         return _connected(photographs, found, f"sequential, {own.window} after each")
     if way == "exhaustive":
         return _connected(photographs, [(i, j) for i in range(n) for j in range(i + 1, n)], "exhaustive")
-    if way == "auto":
+    if way in ("auto", "exif-gps"):
         apart = distances(photographs)
         if apart is not None:
-            return _connected(photographs, _best(-apart, own), "auto, by position")
+            return _connected(photographs, _best(-apart, own), f"{way}, by position")
+        if way == "exif-gps":
+            raise InputError("--pairs exif-gps needs a position of every photograph, and not all the same: use auto")
         return _by_points(photographs, config, device, progress)
     file = _database(photographs) if way == "colmap" else Path(way)
     if way == "colmap" or file.suffix.lower() in (".db", ".sqlite"):
@@ -120,7 +122,8 @@ def _connected(
     """The pairs, with a warning about photographs in none. `InputError` where there is no pair."""
     if not pairs:
         raise InputError(f"no pair of photographs to match ({how}): give photographs that overlap, or other --pairs")
-    alone = [each.name for k, each in enumerate(photographs) if not any(k in pair for pair in pairs)]
+    paired = {row for pair in pairs for row in pair}
+    alone = [each.name for k, each in enumerate(photographs) if k not in paired]
     said = [*warnings, *(f"{name} is matched with no other photograph ({how})" for name in alone)]
     return ChosenPairs(sorted(set(pairs)), how, tuple(said))
 

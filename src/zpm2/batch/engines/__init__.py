@@ -1,0 +1,1 @@
+"""Ways to run one list of pairs: processes of this machine, or Ray."""

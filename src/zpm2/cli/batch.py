@@ -1,0 +1,235 @@
+"""`zpm2 batch`: thousands of pairs."""
+
+import json
+import os
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from zpm2.cli.console import bars, warn
+from zpm2.cli.options import (
+    CAMERAS,
+    METHOD,
+    REGIONS,
+    RESULT,
+    RUN,
+    AllowVrt,
+    AsJson,
+    Bands,
+    ConfigFile,
+    Device,
+    MaxMemory,
+    Points,
+    Preset,
+    Quiet,
+    Seed,
+    Settings,
+    WeightsDir,
+    allow_vrt,
+    check_formats,
+    configure,
+    known_formats,
+    one_of,
+    registered_segmenters,
+    use_weights,
+)
+from zpm2.errors import ConfigError
+
+if TYPE_CHECKING:
+    from zpm2.batch import BatchSummary
+    from zpm2.batch.engines.engine import Engine
+
+WAYS = ("auto", "sequential", "exhaustive", "exif-gps", "colmap")
+COMMANDS = ("match", "pose", "carry")
+LIST = "pairs.csv"  # that is made of a folder
+
+
+def batch(
+    pairs: Annotated[
+        str,
+        typer.Argument(
+            metavar="PAIRS", help="A list (.csv or .parquet with columns left and right), or a folder of photographs."
+        ),
+    ],
+    out: Annotated[
+        str, typer.Option("--out", "-o", help="Folder for the results, or an address.", rich_help_panel=RESULT)
+    ] = "zpm2-batch",
+    command: Annotated[
+        str,
+        typer.Option(
+            help="What is done with each pair: match, pose, carry, or package.module:Class.",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(lambda: COMMANDS),
+        ),
+    ] = "match",
+    way: Annotated[
+        str,
+        typer.Option(
+            "--pairs",
+            metavar="WAY",
+            help="Of a folder, which photographs make pairs: auto, sequential, exhaustive, exif-gps, colmap, or a file "
+            "(as of zpm2 tracks).",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(lambda: WAYS),
+        ),
+    ] = "auto",
+    list_only: Annotated[
+        bool, typer.Option("--list-only", help=f"Of a folder, only write {LIST}.", rich_help_panel=RUN)
+    ] = False,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, each with the models.", rich_help_panel=RUN)] = 1,
+    shard: Annotated[
+        str | None,
+        typer.Option(metavar="I/N", help="Do only the I-th of N parts of the list.", rich_help_panel=RUN),
+    ] = None,
+    merge: Annotated[
+        bool, typer.Option("--merge", help="Match nothing; write the index of what there is.", rich_help_panel=RUN)
+    ] = False,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="local: processes of this machine; ray: actors of Ray (extra ray).",
+            rich_help_panel=RUN,
+            autocompletion=one_of(lambda: ("local", "ray")),
+        ),
+    ] = "local",
+    address: Annotated[
+        str | None, typer.Option(help="Ray cluster, or auto.  [default: start Ray here]", rich_help_panel=RUN)
+    ] = None,
+    gpus: Annotated[
+        float, typer.Option(min=0.0, help="GPUs of each Ray worker; four share one with 0.25.", rich_help_panel=RUN)
+    ] = 0.0,
+    retries: Annotated[
+        int,
+        typer.Option(
+            min=0, help="How often a pair is tried again whose process died or lacked memory.", rich_help_panel=RUN
+        ),
+    ] = 2,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="match: also write this format: coco, geojson, gpkg or shapefile. Repeatable.",
+            rich_help_panel=RESULT,
+            autocompletion=one_of(known_formats),
+        ),
+    ] = None,
+    page: Annotated[
+        bool, typer.Option("--report/--no-report", help="Write report.html of each pair.", rich_help_panel=RESULT)
+    ] = False,
+    pictures: Annotated[
+        bool,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="match, pose: write overlay.png and unmatched.png, most of the bytes of a pair.",
+            rich_help_panel=RESULT,
+        ),
+    ] = False,
+    regions: Annotated[
+        str | None,
+        typer.Option(help="carry: regions of all left photographs.  [default: of the list]", rich_help_panel=REGIONS),
+    ] = None,
+    rigid: Annotated[
+        bool, typer.Option("--rigid", help="carry: only move the outlines.", rich_help_panel=REGIONS)
+    ] = False,
+    k: Annotated[
+        str | None,
+        typer.Option("--K", help="pose: left cameras, as of zpm2 pose.  [default: column K]", rich_help_panel=CAMERAS),
+    ] = None,
+    k2: Annotated[
+        str | None, typer.Option("--K2", help="pose: right cameras.  [default: column K2]", rich_help_panel=CAMERAS)
+    ] = None,
+    segmenter: Annotated[
+        str | None,
+        typer.Option(
+            help="What finds the regions.  [default: preset's]",
+            rich_help_panel=METHOD,
+            autocompletion=one_of(registered_segmenters),
+        ),
+    ] = None,
+    points: Points = None,
+    bands: Bands = None,
+    allowed: AllowVrt = None,
+    preset: Preset = "default",
+    config_file: ConfigFile = None,
+    settings: Settings = None,
+    device: Device = None,
+    seed: Seed = None,
+    max_memory: MaxMemory = None,
+    weights_dir: WeightsDir = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Do many pairs: match them, find their poses, or carry regions.
+
+    Each pair gets a folder of its own in pairs/, with the files of that command; index.parquet has a row for each, and
+    grows while the run goes on. Start the same command again to go on after an interruption. If a pair failed, its row
+    says why, the others are done, and the exit code is 1.
+    """
+    from zpm2 import batch as batches
+
+    config = configure(
+        preset,
+        config_file,
+        settings,
+        segmenter=segmenter,
+        points=points,
+        bands=bands,
+        device=device,
+        seed=seed,
+        max_memory=max_memory,
+    )
+    check_formats(formats or [])
+    use_weights(weights_dir)
+    allow_vrt(allowed)
+    if (engine == "local") and (address is not None or gpus):
+        raise ConfigError("--address and --gpus are of --engine ray: give it, too")
+    regions = None if regions is None else os.path.abspath(regions)
+    job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2)
+    job.check()
+    with bars(quiet or as_json) as (progress, say):
+        if os.path.isdir(pairs):
+            listed, warnings = batches.pairs_of_folder(pairs, way, config, progress)
+            warn(warnings)
+        else:
+            listed = batches.read_pairs(pairs)
+        if list_only:
+            place = batches.save_list(listed, out)
+            print(f"{len(listed)} pairs in {place}")
+            return
+        if merge:
+            found = batches.merge(listed, job)
+        else:
+            hands = _engine(engine, workers, address, gpus)
+            try:
+                found = batches.run(listed, job, engine=hands, shard=shard, retries=retries, progress=progress, say=say)
+            except KeyboardInterrupt as stop:
+                stop.add_note(f"finished pairs are kept in {out}: run the same command again to go on")
+                raise
+    _report(found, quiet, as_json)
+    if found.failed:
+        raise typer.Exit(1)
+
+
+def _engine(name: str, workers: int, address: str | None, gpus: float) -> "Engine":
+    from zpm2 import batch as batches
+
+    if name == "local":
+        return batches.Processes(workers)
+    if name == "ray":
+        return batches.RayEngine(workers, address, gpus=gpus)
+    raise ConfigError(f"--engine {name}: give local or ray")
+
+
+def _report(found: "BatchSummary", quiet: bool, as_json: bool) -> None:
+    if as_json:
+        values = {"pairs": found.pairs, "done": found.done, "reused": found.reused, "failed": found.failed}
+        values |= {"missing": found.missing, "complete": found.complete}
+        print(json.dumps({**values, "seconds": round(found.seconds, 2), "index": found.index}))
+    elif not quiet:
+        missing = f", {found.missing} not done yet" if found.missing else ""
+        print(
+            f"{found.done} of {found.pairs} pairs done ({found.reused} of an earlier run), {found.failed} failed"
+            f"{missing}; {found.seconds:.1f} s"
+        )
+        print(f"Index: {found.index}" + ("" if found.complete else ", of this shard; others are not complete yet"))
