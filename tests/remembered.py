@@ -39,7 +39,7 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:
         backend = segmenter.load()
-        key = id(backend), image.rgb.shape, hashlib.sha256(image.rgb.tobytes()).digest()
+        key = id(backend), segmenter.config.padding, image.rgb.shape, hashlib.sha256(image.rgb.tobytes()).digest()
         if key not in views:
             views[key] = SamView(backend, image, segmenter.config)
         view = copy(views[key])
