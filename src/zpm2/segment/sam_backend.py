@@ -39,6 +39,7 @@ NETWORKS = ("image", "prompt", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
+KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes
 
 
 class SamBackend(Protocol):
@@ -195,8 +196,8 @@ class OpenVinoBackend:
         self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
-        # by number of image tokens, of prompts, and of tokens of each prompt
-        self.prompt_networks: dict[tuple[int, ...], CompiledModel] = {}
+        # by number of image tokens, last used last; of each, by number of prompts and of tokens of each prompt
+        self.prompt_networks: dict[int, dict[tuple[int, ...], CompiledModel]] = {}
         # by number of masks and of rows and columns of tokens
         self.mask_networks: dict[tuple[int, ...], CompiledModel] = {}
 
@@ -230,10 +231,14 @@ class OpenVinoBackend:
         given = len(sparse)
         full = np.zeros((self.few if given <= self.few else self.batch, *sparse.shape[1:]), np.float32)
         full[:given] = sparse
-        key = (len(parts[0]), *full.shape[:2])
-        if key not in self.prompt_networks:
-            self.prompt_networks[key] = self._compile("prompt", [part.shape for part in (*parts, full)])
-        iou, hyper, tokens = self._run(self.prompt_networks[key], [*parts, full])
+        size, key = len(parts[0]), full.shape[:2]
+        networks = self.prompt_networks.pop(size, {})
+        self.prompt_networks[size] = networks
+        while sum(self.prompt_networks) > KEPT_TOKENS:
+            del self.prompt_networks[next(iter(self.prompt_networks))]
+        if key not in networks:
+            networks[key] = self._compile("prompt", [part.shape for part in (*parts, full)])
+        iou, hyper, tokens = self._run(networks[key], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
     def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
