@@ -50,7 +50,7 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:
         backend = segmenter.load()
-        key = id(backend), image.rgb.shape, _digest(image.rgb)
+        key = id(backend), segmenter.config.padding, image.rgb.shape, _digest(image.rgb)
         if key not in views:
             views[key] = SamView(backend, image, segmenter.config)
         view = copy(views[key])

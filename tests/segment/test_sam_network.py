@@ -116,7 +116,8 @@ def test_a_gpu_gets_the_same_in_its_own_order(monkeypatch: pytest.MonkeyPatch) -
     torch.manual_seed(0)
     sam = Sam.from_name("mobile_sam").eval()
     parts = tuple(torch.randn(shape, generator=torch.manual_seed(3)) for shape in ((4096, 256), (8, 16, 4096)))
-    parts += tuple(torch.randn(shape, generator=torch.manual_seed(4)) for shape in ((8, 4096, 16), (4096, 128)))
+    shapes = (8, 4096, 16), (4096, 128), (4096, 256), (4096,)
+    parts += tuple(torch.randn(shape, generator=torch.manual_seed(4)) for shape in shapes)
     sparse = torch.randn(2, 3, 256, generator=torch.manual_seed(5))
     network = sam_network.PromptNetwork(sam).eval()
     with torch.inference_mode():

@@ -148,6 +148,13 @@ class SegmentConfig:
         "of the networks' arithmetic; half of it is faster where the device has units for it",
         source=MEASURED,
     )
+    padding: int = number(
+        0,
+        "image tokens, at least, that stand for the part of SAM's square that a photograph leaves empty; 0: all of "
+        "them",
+        high=4096,
+        source="measured, docs/performance.md",
+    )
     grid: int = number(
         32,
         "prompts along each image side, grid x grid in all",

@@ -66,8 +66,13 @@ class Room:
     `notes` receive that. Which prompts are made does not depend on it, so results do not.
     """
 
-    def __init__(self, most: int, notes: list[str]) -> None:
-        self.most, self.notes = most, notes
+    def __init__(self, most: int, notes: list[str], few: int = 0) -> None:
+        self.most, self.notes, self.few = most, notes, few
+
+    def next(self, left: int) -> int:
+        """How many of the prompts that are `left` go next. Where batches are filled up (`SamBackend.few`), the last one
+        is asked in smaller ones, if that saves some."""
+        return self.few if self.few and left <= self.most - self.few else self.most
 
     def halve(self, error: RuntimeError) -> None:
         """After an `error`, which is raised again if it is another one. `ConfigError` where one prompt is too much."""
@@ -76,8 +81,9 @@ class Room:
         if self.most == 1:
             raise ConfigError("the GPU has too little free memory for one prompt: use --device cpu") from error
         self.most //= 2
-        self.notes[:] = [note for note in self.notes if not note.startswith(LITTLE_MEMORY)]
-        self.notes.append(f"{LITTLE_MEMORY}: prompts went to the segmenter {self.most} at a time")
+        told = f"{LITTLE_MEMORY}: prompts went to the segmenter"
+        self.notes[:] = [note for note in self.notes if not note.startswith(told)]
+        self.notes.append(f"{told} {self.most} at a time")
 
 
 def is_out_of_memory(error: RuntimeError) -> bool:
@@ -92,7 +98,7 @@ def predicted(
     `size` is that of a decoded mask."""
     found, start = [MaskPredictions.none(size)], 0
     while start < len(prompts):
-        part = prompts[start : start + room.most]
+        part = prompts[start : start + room.next(len(prompts) - start)]
         try:
             found.append(predict(part, start))
             start += len(part)

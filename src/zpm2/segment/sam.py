@@ -14,10 +14,11 @@ from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
 from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, stacks
-from zpm2.segment.mask_view import MaskView, Room, is_out_of_memory, predicted, settled
-from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, open_backend
+from zpm2.segment.mask_view import LITTLE_MEMORY, MaskView, Room, is_out_of_memory, predicted, settled
+from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, of_photograph, open_backend
 from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input, reduced
+from zpm2.segment.sam_padding import thinned
 
 AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
 NETWORK_LOCK = ForkAwareLock()  # one for all segmenters: each of their networks uses all cores
@@ -61,7 +62,7 @@ class SamSegmenter:
         return SamView(backend, image, self.config, self._room(backend))
 
     def views_together(self, images: Sequence[Image]) -> "list[SamView]":
-        """The photographs, encoded; on a GPU in one batch."""
+        """The photographs, encoded; on a GPU in one batch, or one by one where its memory ends, which a note says."""
         backend = self.load()
         if not isinstance(backend, TorchBackend) or not backend.resident:
             return [self.view(image) for image in images]
@@ -72,12 +73,16 @@ class SamSegmenter:
         except RuntimeError as error:
             if not is_out_of_memory(error):
                 raise
+            note = f"{LITTLE_MEMORY}: photographs were encoded one at a time"
+            if note not in self.notes:
+                self.notes.append(note)
+                self.say(note)
             return [self.view(image) for image in images]
         return [SamView(backend, image, self.config, room, each) for image, each in zip(images, encoded, strict=True)]
 
     def _room(self, backend: SamBackend) -> Room:
         if self._shared is None:
-            self._shared = Room(backend.batch, self.notes)
+            self._shared = Room(backend.batch, self.notes, backend.few)
         return self._shared
 
     def segment(self, image: Image) -> list[Mask]:
@@ -101,13 +106,16 @@ class SamView(MaskView):
     ) -> None:
         super().__init__(image, ENCODER_SIDE)
         self.backend, self.config, self.batch = backend, config, backend.batch
-        self.room = room or Room(backend.batch, [])
+        self.room = room or Room(backend.batch, [], backend.few)
         self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
-        self.parts = encoded
-        if encoded is None:
-            with NETWORK_LOCK:
+        self.cells = int(-(-self.size[0] // TOKEN_PX)), int(-(-self.size[1] // TOKEN_PX))  # (height, width) tokens
+        self.parts, few = encoded, thinned(self.cells, config.padding) if config.padding else None
+        with NETWORK_LOCK:
+            if encoded is None:
                 self.parts = backend.image(encoder_input(image, self.scale))
+            if few is not None:
+                self.parts = backend.thinned(self.parts, few)
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`. Masks whose predicted IoU is too low are not decoded.
@@ -135,9 +143,7 @@ class SamView(MaskView):
 
     def embedding(self) -> NDArray[np.float32]:
         """(256, h, w) the encoder's image tokens, without those of the padding."""
-        grid = MASK_SIDE // TOKEN_PX
-        height, width = (-(-side // TOKEN_PX) for side in self.size)
-        return self.backend.tokens(self.parts).reshape(grid, grid, -1)[:height, :width].transpose(2, 0, 1)
+        return of_photograph(self.backend.tokens(self.parts)[None], self.size)[0].transpose(2, 0, 1)
 
 
 def encoder_scale(image: Image) -> float:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import cache
 from importlib.util import find_spec
-from math import isqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -21,6 +20,7 @@ from zpm2.config import SegmentConfig
 from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
+from zpm2.segment.sam_padding import GRID, ThinnedTokens
 from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
@@ -33,11 +33,13 @@ Say = Callable[[str], None]
 Opaque = Any  # what a backend returns and only that backend reads: torch's tensors or arrays
 Tokens = TypeVar("Tokens", "Tensor", Array)
 
-VERSION = 3  # of the cut into networks; raise it when sam_network.py changes what they compute
+VERSION = 4  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
+FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
+KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes
 
 
 class SamBackend(Protocol):
@@ -46,12 +48,16 @@ class SamBackend(Protocol):
 
     name: str
     batch: int  # prompts at a time, at most; each takes 4 MB of image tokens
+    few: int  # prompts at a time where batches are filled up, and fewer are left; 0: they are not
 
     def embed(self, points: NDArray[np.float64], labels: NDArray[np.int64]) -> Array:
         """`sam_network.PromptEmbedding`."""
 
     def image(self, pixels: Array) -> Opaque:
         """(1, 3, 1024, 1024) -> the parts that do not depend on the prompt."""
+
+    def thinned(self, parts: Opaque, tokens: ThinnedTokens) -> Opaque:
+        """What `image` returned, of some of the image tokens."""
 
     def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
@@ -98,6 +104,7 @@ class TorchBackend:
     """
 
     name = "torch"
+    few = 0
 
     def __init__(self, model: str, batch: int, device: str, precision: str = "float32") -> None:
         import torch
@@ -139,6 +146,10 @@ class TorchBackend:
     def _in_half(self, parts: "tuple[Tensor, ...]") -> "tuple[Tensor, ...]":
         return tuple(part.to(self.dtype) for part in parts)
 
+    def thinned(self, parts: "tuple[Tensor, ...]", tokens: ThinnedTokens) -> "tuple[Tensor, ...]":
+        counts = self._to(tokens.log_count).to(self.dtype)
+        return *(part.contiguous() for part in _rows(parts[:-1], self._to(tokens.rows))), counts
+
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
         return np.asarray(parts[0].float().cpu().numpy())
 
@@ -150,7 +161,7 @@ class TorchBackend:
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
         with self.torch.inference_mode():
-            logits = self.decoder(_part(tokens[self._to(rows)], size), weights)
+            logits = self.decoder(of_photograph(tokens[self._to(rows)], size), weights)
         return self._out(logits[:, :, : size[0], : size[1]])
 
 
@@ -177,7 +188,7 @@ class OpenVinoBackend:
 
         from zpm2.segment.sam_network import PromptEmbedding
 
-        self.batch, self.precision = batch, PRECISIONS[precision]
+        self.batch, self.few, self.precision = batch, FEW if batch > FEW else 0, PRECISIONS[precision]
         folder = _converted(model, openvino.__version__, say)
         mark_networks_loaded()
         with np.load(folder / "embedding.npz") as arrays:
@@ -185,7 +196,8 @@ class OpenVinoBackend:
         self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
-        self.prompt_networks: dict[int, CompiledModel] = {}  # by number of prompt tokens
+        # by number of image tokens, last used last; of each, by number of prompts and of tokens of each prompt
+        self.prompt_networks: dict[int, dict[tuple[int, ...], CompiledModel]] = {}
         # by number of masks and of rows and columns of tokens
         self.mask_networks: dict[tuple[int, ...], CompiledModel] = {}
 
@@ -203,6 +215,9 @@ class OpenVinoBackend:
     def image(self, pixels: Array) -> list[Array]:
         return [part.copy() for part in self._run(self.image_network, [pixels])]
 
+    def thinned(self, parts: list[Array], tokens: ThinnedTokens) -> list[Array]:
+        return [*(np.ascontiguousarray(part) for part in _rows(parts[:-1], tokens.rows)), tokens.log_count]
+
     def tokens(self, parts: list[Array]) -> Array:
         return np.asarray(parts[0])
 
@@ -213,13 +228,17 @@ class OpenVinoBackend:
 
     def prompt(self, parts: list[Array], sparse: Array) -> tuple[Array, Array, Array]:
         """In batches of a fixed size, filled up with zeros: a fifth faster than networks for any size."""
-        given, tokens_each = sparse.shape[:2]
-        if tokens_each not in self.prompt_networks:
-            shapes = [part.shape for part in parts] + [(self.batch, *sparse.shape[1:])]
-            self.prompt_networks[tokens_each] = self._compile("prompt", shapes)
-        full = np.zeros((self.batch, *sparse.shape[1:]), np.float32)
+        given = len(sparse)
+        full = np.zeros((self.few if given <= self.few else self.batch, *sparse.shape[1:]), np.float32)
         full[:given] = sparse
-        iou, hyper, tokens = self._run(self.prompt_networks[tokens_each], [*parts, full])
+        size, key = len(parts[0]), full.shape[:2]
+        networks = self.prompt_networks.pop(size, {})
+        self.prompt_networks[size] = networks
+        while sum(self.prompt_networks) > KEPT_TOKENS:
+            del self.prompt_networks[next(iter(self.prompt_networks))]
+        if key not in networks:
+            networks[key] = self._compile("prompt", [part.shape for part in (*parts, full)])
+        iou, hyper, tokens = self._run(networks[key], [*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
     def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
@@ -227,7 +246,7 @@ class OpenVinoBackend:
         assert isinstance(hyper, np.ndarray)
         logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
         for k, row in enumerate(rows):
-            part, weights = np.ascontiguousarray(_part(tokens[row : row + 1], size)), hyper[k : k + 1]
+            part, weights = np.ascontiguousarray(of_photograph(tokens[row : row + 1], size)), hyper[k : k + 1]
             key = (*weights.shape, *part.shape)
             if key not in self.mask_networks:
                 self.mask_networks[key] = self._compile("mask", [part.shape, weights.shape])
@@ -235,10 +254,18 @@ class OpenVinoBackend:
         return logits
 
 
-def _part(tokens: Tokens, size: tuple[int, int]) -> Tokens:
+def _rows(parts: "Sequence[Tokens]", rows: Any) -> "list[Tokens]":
+    """What `ImageNetwork` returns of each image token, of some of them."""
+    keys, k, v, q, position = parts
+    return [keys[rows], k[:, :, rows], v[:, rows], q[rows], position[rows]]
+
+
+def of_photograph(tokens: Tokens, size: tuple[int, int]) -> Tokens:
     """Image tokens (B, N, C) -> those (B, h, w, C) under the first `size` (height, width) px of a decoded mask."""
-    grid = isqrt(tokens.shape[1])
-    return tokens.reshape(len(tokens), grid, grid, -1)[:, : -(-size[0] // TOKEN_PX), : -(-size[1] // TOKEN_PX)]
+    height, width = (-(-side // TOKEN_PX) for side in size)
+    if tokens.shape[1] < GRID * GRID:  # thinned: those of the photograph are the first
+        return tokens[:, : height * width].reshape(len(tokens), height, width, -1)
+    return tokens.reshape(len(tokens), GRID, GRID, -1)[:, :height, :width]
 
 
 def _converted(model: str, openvino_version: str, say: Say) -> Path:
@@ -276,7 +303,7 @@ def _convert(model: str, folder: Path) -> None:
         graphs = (
             openvino.convert_model(image, example_input=(pixels,)),
             openvino.convert_model(prompt, example_input=(*parts, sparse)),
-            openvino.convert_model(mask.eval(), example_input=(_part(tokens, (8, 12)), hyper)),
+            openvino.convert_model(mask.eval(), example_input=(of_photograph(tokens, (8, 12)), hyper)),
         )
     for name, graph in zip(NETWORKS, graphs, strict=True):
         try:

@@ -10,6 +10,8 @@ identities, none of which changes the result beyond rounding, leave about a quar
   q (X W)^T = (q W^T) X^T and (A X) W instead of A (X W). T tokens x 8 heads = 56 columns replace 128.
 - A prompt whose predicted IoU is too low needs no mask, so the upscaling is a network of its own.
 
+Image tokens may be fewer than 4096, where each stands for several (`sam_padding`).
+
 The weights are those of kornia's `Sam`; `tests/segment/test_sam_network.py` compares this file with kornia's decoder.
 """
 
@@ -32,8 +34,9 @@ ENCODER_SIDE = 1024  # px, the square that the image encoder sees
 class ImageNetwork(nn.Module):
     """Image -> everything that does not depend on the prompt.
 
-    (1, 3, 1024, 1024) normalised image -> keys (N, 256), and of the first layer's two cross attentions the image side:
-    k (8, 16, N) and v (8, N, 16) of token-to-image, q (N, 128) of image-to-token.
+    (1, 3, 1024, 1024) normalised image -> keys (N, 256), of the first layer's two cross attentions the image side:
+    k (8, 16, N) and v (8, N, 16) of token-to-image, q (N, 128) of image-to-token, and of each image token its
+    positional encoding (N, 256) and the logarithm (N,) of how many it stands for, which is 0.
     """
 
     def __init__(self, sam: "Sam") -> None:
@@ -45,16 +48,16 @@ class ImageNetwork(nn.Module):
         self.no_mask = nn.Buffer(sam.prompt_encoder.no_mask_embed.weight.detach().clone())
         self.position = nn.Buffer(_position(sam))
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
         return self.parts(self.encoder(image)[0])
 
-    def parts(self, embedding: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def parts(self, embedding: Tensor) -> tuple[Tensor, ...]:
         """What `forward` returns, of what the encoder made of one image: (256, 64, 64)."""
         keys = embedding.flatten(1).T + self.no_mask
         positioned = keys + self.position
         k = self.to_image.k_proj(positioned).reshape(GRID * GRID, self.heads, -1).permute(1, 2, 0)
         v = self.to_image.v_proj(keys).reshape(GRID * GRID, self.heads, -1).permute(1, 0, 2)
-        return keys, k, v, self.to_token.q_proj(positioned)
+        return keys, k, v, self.to_token.q_proj(positioned), self.position, torch.zeros_like(self.position[:, 0])
 
 
 class PromptNetwork(nn.Module):
@@ -71,24 +74,27 @@ class PromptNetwork(nn.Module):
         self.final_norm = decoder.transformer.norm_final_attn
         self.iou_head = decoder.iou_prediction_head
         self.mask_heads = decoder.output_hypernetworks_mlps
-        self.position = nn.Buffer(_position(sam))
         self.own = nn.Buffer(torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).detach().clone())
 
-    def forward(self, keys: Tensor, k: Tensor, v: Tensor, q: Tensor, sparse: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(
+        self, keys: Tensor, k: Tensor, v: Tensor, q: Tensor, position: Tensor, log_count: Tensor, sparse: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
         tokens = torch.cat([self.own.expand(sparse.shape[0], -1, -1), sparse], dim=1)
         first, second = self.layers
 
         queries = first.norm1(first.self_attn(tokens, tokens, tokens))
-        queries = first.norm2(queries + _token_to_shared_image(first.cross_attn_token_to_image, queries + tokens, k, v))
+        queries = first.norm2(
+            queries + _token_to_shared_image(first.cross_attn_token_to_image, queries + tokens, k, v, log_count)
+        )
         queries = first.norm3(queries + first.mlp(queries))
         weights, bias, values = _token_side(first.cross_attn_image_to_token, queries + tokens, queries, fold=False)
         image = first.norm4(_attend_tokens(first.cross_attn_image_to_token, keys, q @ weights + bias, values))
 
-        positioned = image + self.position
+        positioned = image + position
         positioned_queries = queries + tokens
         queries = second.norm1(queries + second.self_attn(positioned_queries, positioned_queries, queries))
         queries = second.norm2(
-            queries + _token_to_image(second.cross_attn_token_to_image, queries + tokens, positioned, image)
+            queries + _token_to_image(second.cross_attn_token_to_image, queries + tokens, positioned, image, log_count)
         )
         queries = second.norm3(queries + second.mlp(queries))
         weights, bias, values = _token_side(second.cross_attn_image_to_token, queries + tokens, queries, fold=True)
@@ -96,7 +102,9 @@ class PromptNetwork(nn.Module):
             _attend_tokens(second.cross_attn_image_to_token, image, positioned @ weights + bias, values)
         )
 
-        queries = self.final_norm(queries + _token_to_image(self.final, queries + tokens, image + self.position, image))
+        queries = self.final_norm(
+            queries + _token_to_image(self.final, queries + tokens, image + position, image, log_count)
+        )
         masks = [head(queries[:, 1 + i]) for i, head in enumerate(self.mask_heads)]
         return self.iou_head(queries[:, 0]), torch.stack(masks, dim=1), image
 
@@ -173,10 +181,10 @@ def _heads(x: Tensor, heads: int) -> Tensor:
     return x.reshape(b, t, heads, c // heads).transpose(1, 2)
 
 
-def _token_to_shared_image(attention: "Attention", tokens: Tensor, k: Tensor, v: Tensor) -> Tensor:
+def _token_to_shared_image(attention: "Attention", tokens: Tensor, k: Tensor, v: Tensor, log_count: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens that all prompts share, whose k and v were projected once."""
     query = _heads(attention.q_proj(tokens), attention.num_heads)
-    weights = (query @ k * query.shape[-1] ** -0.5).softmax(-1)
+    weights = (query @ k * query.shape[-1] ** -0.5 + log_count).softmax(-1)
     out = (weights @ v).transpose(1, 2)
     return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
@@ -186,7 +194,9 @@ def _on_gpu(tensor: Tensor) -> bool:
     return tensor.is_cuda
 
 
-def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, image: Tensor) -> Tensor:
+def _token_to_image(
+    attention: "Attention", tokens: Tensor, positioned: Tensor, image: Tensor, log_count: Tensor
+) -> Tensor:
     """Tokens (B, T, C) attend to image tokens (B, N, C); the image's k and v projections are moved to the tokens.
 
     The bias of k adds the same to a row of scores, which softmax ignores; that of v comes out unchanged, as weights sum
@@ -198,9 +208,9 @@ def _token_to_image(attention: "Attention", tokens: Tensor, positioned: Tensor, 
     key = attention.k_proj.weight.reshape(heads, d, -1)  # H, d, C
     folded = (query @ key * d**-0.5).reshape(b, heads * t, -1)
     if _on_gpu(positioned):  # each device in the order in which it is fast
-        weights = (folded @ positioned.transpose(1, 2)).softmax(2)
+        weights = (folded @ positioned.transpose(1, 2) + log_count).softmax(2)
     else:
-        weights = (positioned @ folded.transpose(1, 2)).softmax(1).transpose(1, 2)
+        weights = (positioned @ folded.transpose(1, 2) + log_count[:, None]).softmax(1).transpose(1, 2)
     gathered = (weights @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias
