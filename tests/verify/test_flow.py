@@ -61,7 +61,9 @@ def test_without_texture_the_points_decide():
 def test_what_no_photograph_shows_counts_nothing():
     gray = textured(5)
     assert agreed(gray, gray, off=(-1000.0, 0.0)) == 0.0
-    assert agreement((image(gray), image(gray)), shapes(), shapes(), np.zeros((0, 3, 3)), CONFIG, 6).shape == (0,)
+    images, nowhere = (image(gray), image(gray)), np.array([shapely.Polygon()], object)
+    assert agreement(images, nowhere, shapes(RING), np.eye(3)[None], CONFIG, 6).tolist() == [0.0]
+    assert agreement(images, shapes(), shapes(), np.zeros((0, 3, 3)), CONFIG, 6).shape == (0,)
 
 
 def test_the_number_of_threads_does_not_count():

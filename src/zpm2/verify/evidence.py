@@ -88,7 +88,7 @@ def _compared(
     maps = by_areas(left, right, own)
     moved = transform_polygons(left, each, maps)
     in_place = content.peaks(problem.images, moved, right.shapes, maps, config.verify, config.max_halvings)
-    by_points = np.where(_usable(warped.maps[:, :2, :2])[:, None, None], warped.maps, maps)
+    by_points = np.where(_usable(warped.maps)[:, None, None], warped.maps, maps)
     put = transform_polygons(left, each, by_points)
     flowing = flow.agreement(problem.images, put, right.shapes, by_points, config.verify, config.max_halvings)
     maps = by_areas(left, right, linear)
@@ -101,7 +101,7 @@ def _compared(
     return in_place, stretched, flowing
 
 
-def _usable(linear: Array) -> NDArray[np.bool_]:
-    """(k,) whether a (2, 2) map is known and has an inverse."""
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(linear).all((1, 2)))
-    return np.asarray(known & (np.abs(np.linalg.det(np.where(known[:, None, None], linear, 0.0))) > 1e-4))
+def _usable(maps: Array) -> NDArray[np.bool_]:
+    """(k,) whether a square matrix, as a map or its linear part, is known and has an inverse."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(maps).all((1, 2)))
+    return np.asarray(known & (np.abs(np.linalg.det(np.where(known[:, None, None], maps, 0.0))) > 1e-4))

@@ -15,9 +15,7 @@ from zpm2.local_match.texture import TexturePatches
 from zpm2.model import Image
 from zpm2.verify.content import PATCH_CHUNK, Array, Bits, Patches, inside, normalised
 
-Flow = NDArray[
-    np.float32
-]  # (size, size, 2) cells: what shows cell (x, y) of one patch is at (x, y) + flow of the other
+Flow = NDArray[np.float32]  # (size, size, 2): what is at (x, y) of one patch is at (x, y) + flow of the other, cells
 GREY, STEP = 128.0, 48.0  # of 8-bit patches: the mean, and one standard deviation
 
 
