@@ -116,8 +116,7 @@ def measured(pair: EvalPair, result: MatchResult, kind: str, thinned: int) -> Ro
         matches = match_polygons(problem, chosen) if seed else result.matches
         rows = match_rows(left.polygons, right.polygons, matches)
         pairs = Candidates(rows[:, 0], rows[:, 1])
-        iou = np.array([match.overlap for match in matches], np.float64)
-        evidence = gather(problem, pairs, iou, pairs, chosen)
+        evidence = gather(problem, pairs, pairs, chosen)
         whole = np.stack([kept[0][rows[:, 0]], kept[1][rows[:, 1]]], axis=1)
         seen = [
             count[of] / np.maximum(pixels[of], 1)

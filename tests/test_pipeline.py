@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import defaultdict
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ import zpm2
 from zpm2 import MatchResult
 from zpm2.config import Config, PointsConfig, SegmentConfig, assign, preset
 from zpm2.errors import ConfigError, Failed, InputError
-from zpm2.global_match import points_with_data
-from zpm2.model import Image, Mask, PointMatches
+from zpm2.global_match import InitialGeometry, points_with_data
+from zpm2.guided.regions import PairRegions, RegionFinder
+from zpm2.model import Image, Mask, PointMatches, PolygonMatch
 from zpm2.pipeline import PairMatcher
 from zpm2.runtime import resolve_device
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
+Match = Callable[[PairRegions], Sequence[PolygonMatch]]
 SIFT = Config(points=PointsConfig(methods=("sift",)), device="cpu")
 
 
@@ -377,6 +380,25 @@ def test_a_closer_look_is_a_stage_of_its_own_and_can_be_left_out() -> None:
     assert "detail" not in off.timings
     assert "detail" in auto.timings
     assert len(auto.matches) >= len(off.matches)
+
+
+def test_a_closer_look_knows_only_matches_that_are_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the judge rejects covers nothing, and its regions are looked for again."""
+    segmenter, left, right = painted_pair()
+    known: list[tuple[int, int]] = []
+
+    def look(
+        self: RegionFinder, found: PairRegions, matches: Sequence[PolygonMatch], initial: InitialGeometry, match: Match
+    ) -> PairRegions:
+        known.append((len(matches), len(match(found))))
+        return found
+
+    monkeypatch.setattr(RegionFinder, "look_closer", look)
+    for settings in (["local_match.verify.min_confidence=1"], ["local_match.judge=off"]):
+        PairMatcher(assign(GUIDED, settings), segmenter=segmenter, points=Given(grid_points(-24)))(
+            left.image.rgb, right.image.rgb
+        )
+    assert known == [(0, 0), (len(left.regions),) * 2]
 
 
 def test_points_on_pixels_without_data_are_left_out() -> None:

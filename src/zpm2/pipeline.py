@@ -122,20 +122,19 @@ class PairMatcher:
             with timer("guided"):
                 found = self._regions.redetect(found, matches, initial)
                 problem, matches = self._match(found, problem)
+        with timer("verify"):
+            sure, rejected = self._judged(problem, matches)
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
                 before = problem
                 closer = self._regions.look_closer(
-                    found, matches, initial, lambda more: self._match(more, before, nodes=False)[1]
+                    found, sure, initial, lambda more: self._judged(*self._match(more, before, nodes=False))[0]
                 )
                 if closer is not found:
                     found = closer
                     problem, matches = self._match(found, before)
-        with timer("verify"):
-            matches = verified(problem, matches, matches, config.local_match)
-            own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
-            matches, rejected = judged(matches, config.local_match, own)
-            matches = same_scene_matches(matches, initial.same_scene)
+                    sure, rejected = self._judged(problem, matches)
+        matches = same_scene_matches(sure, initial.same_scene)
         sides, matches = found.sides(matches, config.vectorize)
         sides = self._with_reasons(sides, matches, initial)
         messages = [*looked.notes, *found.messages, *geometry_warnings(initial)]
@@ -184,6 +183,12 @@ class PairMatcher:
         """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
         problem = self._locate(found, before.initial, before.known)
         return problem, match_polygons(problem, self.config.local_match, nodes)
+
+    def _judged(self, problem: MatchProblem, matches: Sequence[PolygonMatch]) -> tuple[list[PolygonMatch], list[str]]:
+        """The matches that are sure enough, with their confidence, and a note on the others."""
+        config = self.config.local_match
+        own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
+        return judged(verified(problem, matches, matches, config), config, own)
 
     def _locate(self, found: PairRegions, initial: InitialGeometry, known: KnownOverlaps) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""

@@ -12,7 +12,7 @@ FOR = {  # evidence that can only help: its range
     "content": st.floats(-2, 2),
     "texture": st.floats(0, 1),
     "agreement": st.floats(1e-4, 1 - 1e-4),
-    "overlap": st.floats(0, 1),
+    "flow": st.floats(0, 1),
     "width": st.floats(0, 500),
 }
 AGAINST = {"motion": st.floats(0, 5)}
@@ -33,8 +33,8 @@ def test_more_evidence_never_lowers_the_confidence(values, data):
 
 
 def test_every_piece_counts():
-    poor = {"content": 0.0, "texture": 0.1, "agreement": 0.4, "overlap": 0.5, "width": 3.0, "motion": 0.3}
-    better = {"content": 0.4, "texture": 0.8, "agreement": 0.80, "overlap": 0.9, "width": 12.0, "motion": 0.05}
+    poor = {"content": 0.0, "texture": 0.1, "agreement": 0.4, "flow": 0.3, "width": 3.0, "motion": 0.3}
+    better = {"content": 0.4, "texture": 0.8, "agreement": 0.80, "flow": 0.9, "width": 12.0, "motion": 0.05}
     assert all(chance(**{**poor, name: value}) > chance(**poor) for name, value in better.items())
     assert chance(**better) > 0.97
     assert chance(**{**poor, "agreement": 0.1, "content": -0.3, "motion": 0.5}) < 0.3

@@ -22,7 +22,7 @@ def known():
 def test_motion_is_the_distance_to_where_the_neighbours_take_it(known):
     problem, pairs = known
     left, right = problem.polygons
-    found = gather(problem, pairs, np.ones(len(pairs)), pairs, LOCAL).motion
+    found = gather(problem, pairs, pairs, LOCAL).motion
     for k, (i, j) in enumerate(zip(pairs.left, pairs.right, strict=True)):
         away = np.linalg.norm(left.centers[pairs.left] - left.centers[i], axis=1)
         away[k] = np.inf
@@ -42,7 +42,7 @@ def test_agreement_counts_the_points_in_both_and_in_one(known):
     problem, pairs = known
     left, right = problem.polygons
     points = problem.initial.points[problem.initial.consistent]
-    found = gather(problem, pairs, np.ones(len(pairs)), pairs, LOCAL).agreement
+    found = gather(problem, pairs, pairs, LOCAL).agreement
     for k, (i, j) in enumerate(zip(pairs.left, pairs.right, strict=True)):
         inside = shapely.contains_xy(left.shapes[i], points.left), shapely.contains_xy(right.shapes[j], points.right)
         both, either = (inside[0] & inside[1]).sum(), (inside[0] | inside[1]).sum()
@@ -54,4 +54,4 @@ def test_width_is_that_of_the_narrower_polygon(known):
     problem, pairs = known
     shapes = [side.shapes[rows] for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)]
     expected = [min(2 * shape.area / shape.length for shape in both) for both in zip(*shapes, strict=True)]
-    assert gather(problem, pairs, np.ones(len(pairs)), pairs, LOCAL).width == pytest.approx(expected)
+    assert gather(problem, pairs, pairs, LOCAL).width == pytest.approx(expected)

@@ -113,7 +113,7 @@ def test_few_matches_and_none():
         some = seen(problem, matches[:count])
         assert all(0 < match.confidence < 1 for match in some)
     rows = Candidates(np.array([0]), np.array([0]))
-    assert gather(problem, rows, np.ones(len(rows)), rows, LOCAL).motion.tolist() == [LOCAL.verify.unknown_motion]
+    assert gather(problem, rows, rows, LOCAL).motion.tolist() == [LOCAL.verify.unknown_motion]
 
 
 def test_the_order_of_matches_does_not_count():

@@ -79,6 +79,22 @@ class VerifyConfig:
     rival: float = share(
         0.98, "quantile of the other shifts that the place must beat", source="the best of all would be noise"
     )
+    flow_window: int = number(
+        7,
+        "side of the window over which the flow is averaged, odd",
+        unit="cells",
+        low=3,
+        high=63,
+        odd=True,
+        source="5 to 9 order matches as well, 15 less so",
+    )
+    round_trip: float = number(
+        1.5,
+        "by which the flow forth and back may miss",
+        unit="cells",
+        above=True,
+        source="each is up to half a cell off, and outlines by one",
+    )
     neighbors: int = number(8, "nearest matches whose motion is compared", low=3, high=1000, source="as nearest_points")
     min_neighbors: int = number(5, "with fewer, the motion is not known", low=3, high=1000, source="half may be wrong")
     unknown_motion: float = number(
@@ -93,19 +109,19 @@ class VerifyConfig:
 class ConfidenceConfig:
     """The chance that a match is right: a logistic model of its evidence (`verify.confidence`)."""
 
-    intercept: float = number(3.63, "subtracted", unit="log-odds", high=100, source=FITTED)
+    intercept: float = number(4.38, "subtracted", unit="log-odds", high=100, source=FITTED)
     content: float = number(
-        3.44, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
+        2.69, "weight of how much better the insides correlate in place than shifted", high=100, source=FITTED
     )
-    texture: float = number(0.9, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
+    texture: float = number(0.94, "weight of the correlation R of the stretched insides", high=100, source=FITTED)
     agreement: float = number(
-        0.61, "weight of the log-odds that a point in either polygon is in both", high=100, source=FITTED
+        0.4, "weight of the log-odds that a point in either polygon is in both", high=100, source=FITTED
     )
     motion: float = number(
-        5.09, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
+        4.53, "weight of being near where the neighbours are taken, nearer than `max_motion`", high=100, source=FITTED
     )
-    overlap: float = number(1.76, "weight of the overlap (IoU) of the rectified polygons", high=100, source=FITTED)
-    width: float = number(0.98, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
+    flow: float = number(3.13, "weight of the overlap where a dense flow puts both polygons", high=100, source=FITTED)
+    width: float = number(1.22, "weight of the logarithm of the narrower polygon's width", high=100, source=FITTED)
     max_motion: float = number(
         0.5,
         "beyond which more distance from there says no more",

@@ -7,7 +7,7 @@ from zpm2.config import ConfidenceConfig
 from zpm2.verify.evidence import Evidence
 
 Array = NDArray[np.float64]
-FEATURES = ("content", "texture", "agreement", "motion", "overlap", "width")  # and fields of `ConfidenceConfig`
+FEATURES = ("content", "texture", "agreement", "motion", "flow", "width")  # and fields of `ConfidenceConfig`
 
 
 def confidence(evidence: Evidence, config: ConfidenceConfig) -> Array:
@@ -26,4 +26,4 @@ def features(evidence: Evidence, config: ConfidenceConfig) -> Array:
     agreement = np.log(evidence.agreement) - np.log1p(-evidence.agreement)
     still = config.max_motion - np.minimum(evidence.motion, config.max_motion)
     width = np.log(np.clip(evidence.width, 1.0, config.max_width))
-    return np.stack([evidence.content, evidence.texture, agreement, still, evidence.overlap, width], axis=1)
+    return np.stack([evidence.content, evidence.texture, agreement, still, evidence.flow, width], axis=1)

@@ -50,9 +50,9 @@ def peaks(
         ]
         values = [normalised(side.values.reshape(-1, size, size), config) for side in sides]
         seen = [side.inside.reshape(-1, size, size) for side in sides]
-        inside = _inside(warped[rows], box[rows], size) & _inside(right[rows], box[rows], size) & seen[0] & seen[1]
-        found[rows] = _peak(correlations(values[0], values[1], inside, config), config)
-        found[rows][inside.sum((1, 2)) < config.min_cells] = 0.0
+        both = inside(warped[rows], box[rows], size) & inside(right[rows], box[rows], size) & seen[0] & seen[1]
+        found[rows] = _peak(correlations(values[0], values[1], both, config), config)
+        found[rows][both.sum((1, 2)) < config.min_cells] = 0.0
     return found
 
 
@@ -104,7 +104,7 @@ def _around(shapes: NDArray[np.object_]) -> Array:
     return np.c_[middle - half, middle + half]
 
 
-def _inside(shapes: NDArray[np.object_], box: Array, size: int) -> Bits:
+def inside(shapes: NDArray[np.object_], box: Array, size: int) -> Bits:
     """(k, size, size) which cells of its `box` are in each polygon."""
     xy, of = shapely.get_coordinates(shapes, return_index=True)
     cells = (xy - box[of, :2]) * (size / (box[of, 2:] - box[of, :2]))

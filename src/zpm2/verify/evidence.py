@@ -2,7 +2,8 @@
 
 Candidates are found by where a polygon should be, and assigned by the overlap of outlines, the number of points in both
 and a resampled patch. None of these is asked again as it was. Instead: the insides, rectified by the outlines alone
-(`content`); the points that lie in only one of both polygons; and how the neighbours moved.
+(`content`), and by a dense flow without them (`flow`); the points that lie in only one of both polygons; and how the
+neighbours moved.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from zpm2.local_match.shared_points import shared_points
 from zpm2.model import PolygonArrays
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.warp import warp_by_points
-from zpm2.verify import content
+from zpm2.verify import content, flow
 
 Array = NDArray[np.float64]
 
@@ -34,27 +35,25 @@ class Evidence:
     texture: Array  # (k,) 0..1, correlation of the insides, each stretched to the same frame (R of the paper)
     agreement: Array  # (k,) 0..1, share of the points in either polygon that are in both
     motion: Array  # (k,) 0.., how far the polygon is from where its neighbours' motion takes it, in its own sides
-    overlap: Array  # (k,) 0..1, IoU of the rectified polygons: it made the match, and says how exact it is
+    flow: Array  # (k,) 0..1, how much both overlap where a dense flow puts them, and how consistent it is
     width: Array  # (k,) px, 2 area / perimeter of the narrower polygon: an outline that is a px off costs it more
 
 
-def gather(
-    problem: MatchProblem, pairs: Candidates, overlap: Array, others: Candidates, config: LocalConfig
-) -> Evidence:
-    """The evidence of the matches `pairs` (rows of the polygons), whose `overlap` (k,) is known. `others` are the
-    matches whose motion is compared with theirs; a match is not compared with itself."""
+def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config: LocalConfig) -> Evidence:
+    """The evidence of the matches `pairs` (rows of the polygons). `others` are the matches whose motion is compared
+    with theirs; a match is not compared with itself."""
     left, right = (
         PolygonArrays([side.polygons[row] for row in rows])
         for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)
     )
     linear = problem.locations.prior.linear[pairs.left]
     linear = np.where(_usable(linear)[:, None, None], linear, np.eye(2))
-    in_place, stretched = _compared(problem, left, right, linear, config)
+    in_place, stretched, flowing = _compared(problem, left, right, linear, config)
     moved = motion(problem, pairs, others, linear, config.verify)
     width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
     each = np.arange(len(left))
     agreement = shared_points(problem.initial.forward()[0], left, right).agreement(Candidates(each, each))
-    return Evidence(in_place, stretched, agreement, moved, overlap, width)
+    return Evidence(in_place, stretched, agreement, moved, flowing, width)
 
 
 def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear: Array, config: VerifyConfig) -> Array:
@@ -80,8 +79,8 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
 
 def _compared(
     problem: MatchProblem, left: PolygonArrays, right: PolygonArrays, linear: Array, config: LocalConfig
-) -> tuple[Array, Array]:
-    """(k,) content and (k,) texture."""
+) -> tuple[Array, Array, Array]:
+    """(k,) content, (k,) texture and (k,) flow."""
     each = np.arange(len(left))
     warped = warp_by_points(left, *problem.initial.forward(), config)
     own = geometry.linearised(warped.maps, left.centers)[1]
@@ -89,16 +88,20 @@ def _compared(
     maps = by_areas(left, right, own)
     moved = transform_polygons(left, each, maps)
     in_place = content.peaks(problem.images, moved, right.shapes, maps, config.verify, config.max_halvings)
+    by_points = np.where(_usable(warped.maps)[:, None, None], warped.maps, maps)
+    put = transform_polygons(left, each, by_points)
+    flowing = flow.agreement(problem.images, put, right.shapes, by_points, config.verify, config.max_halvings)
     maps = by_areas(left, right, linear)
     frames, sampling = transform_polygons(left, each, maps), (config.patch, config.max_halvings)
     patches = (
         texture.TexturePatches(problem.images[0], frames, np.linalg.inv(maps).astype(np.float64), *sampling),
         texture.TexturePatches(problem.images[1], right.shapes, np.broadcast_to(np.eye(3), maps.shape), *sampling),
     )
-    return in_place, np.maximum(texture.correlation(patches, Candidates(each, each), config.min_contrast), 0.0)
+    stretched = np.maximum(texture.correlation(patches, Candidates(each, each), config.min_contrast), 0.0)
+    return in_place, stretched, flowing
 
 
-def _usable(linear: Array) -> NDArray[np.bool_]:
-    """(k,) whether a (2, 2) map is known and has an inverse."""
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(linear).all((1, 2)))
-    return np.asarray(known & (np.abs(np.linalg.det(np.where(known[:, None, None], linear, 0.0))) > 1e-4))
+def _usable(maps: Array) -> NDArray[np.bool_]:
+    """(k,) whether a square matrix, as a map or its linear part, is known and has an inverse."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(maps).all((1, 2)))
+    return np.asarray(known & (np.abs(np.linalg.det(np.where(known[:, None, None], maps, 0.0))) > 1e-4))

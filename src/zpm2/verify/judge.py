@@ -27,8 +27,7 @@ def verified(
         left, right = [rows[0][match.left] for match in some], [rows[1][match.right] for match in some]
         return Candidates(np.array(left, np.int64), np.array(right, np.int64))
 
-    overlap = np.array([match.overlap for match in matches])
-    evidence = gather(problem, pairs(matches), overlap, pairs(others), config)
+    evidence = gather(problem, pairs(matches), pairs(others), config)
     chance = confidence(evidence, config.confidence)
     return [dataclasses.replace(m, confidence=float(c)) for m, c in zip(matches, chance, strict=True)]
 

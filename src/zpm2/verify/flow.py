@@ -1,0 +1,87 @@
+"""How much two polygons cover each other where a dense optical flow puts them.
+
+The left photograph is warped by the homologous points in and around the polygon. Optical flow, forth and back, finds
+what motion is left: it corrects points that are a few px off. Where the two flows do not agree, the insides do not show
+the same. The outlines take no part in the flow.
+"""
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from zpm2.config import VerifyConfig
+from zpm2.local_match.texture import TexturePatches
+from zpm2.model import Image
+from zpm2.verify.content import PATCH_CHUNK, Array, Bits, Patches, inside, normalised
+
+Flow = NDArray[np.float32]  # (size, size, 2): what is at (x, y) of one patch is at (x, y) + flow of the other, cells
+GREY, STEP = 128.0, 48.0  # of 8-bit patches: the mean, and one standard deviation
+
+
+def agreement(
+    images: tuple[Image, Image],
+    warped: NDArray[np.object_],
+    right: NDArray[np.object_],
+    maps: Array,
+    config: VerifyConfig,
+    max_halvings: int,
+) -> Array:
+    """(k,) 0..1: the IoU of each left polygon, warped and moved by the flow, with its partner, times the share of both
+    where the flows forth and back agree.
+
+    `warped` (k,) are the left polygons mapped by `maps` (k, 3, 3) of the points, `right` (k,) their partners, px of the
+    right image. Flows are computed in a square around the partner, twice as wide, at no more than the right image's
+    resolution. 0 where no photograph shows both.
+    """
+    found, size = np.zeros(len(right)), 2 * config.patch
+    bounds = shapely.bounds(right).reshape(-1, 4)
+    middle = (bounds[:, :2] + bounds[:, 2:]) / 2
+    half = np.maximum((bounds[:, 2:] - bounds[:, :2]).max(1, initial=0.0), size / 2)[:, None]
+    box = np.c_[middle - half, middle + half]
+    to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
+    for start in range(0, len(right), PATCH_CHUNK):
+        rows = slice(start, start + PATCH_CHUNK)
+        sides = [
+            TexturePatches(image, shapely.box(*box[rows].T), back[rows], size, max_halvings)
+            for image, back in zip(images, to_image, strict=True)
+        ]
+        patches = [_grey(normalised(side.values.reshape(-1, size, size), config)) for side in sides]
+        seen = [side.inside.reshape(-1, size, size) for side in sides]
+        covers = [inside(shapes[rows], box[rows], size) for shapes in (warped, right)]
+        for k, (left, other) in enumerate(zip(*patches, strict=True)):
+            flows = _flow(other, left, config), _flow(left, other, config)
+            found[start + k] = _agreement(*flows, (seen[0][k], seen[1][k]), (covers[0][k], covers[1][k]), config)
+    return found
+
+
+def _flow(here: NDArray[np.uint8], there: NDArray[np.uint8], config: VerifyConfig) -> Flow:
+    """From one patch to another: Farnebäck 2003, whose polynomials OpenCV suggests to fit over 5 cells."""
+    return np.asarray(cv2.calcOpticalFlowFarneback(here, there, None, 0.5, 3, config.flow_window, 3, 5, 1.1, 0))
+
+
+def _agreement(
+    there: Flow, back: Flow, seen: tuple[Bits, Bits], covers: tuple[Bits, Bits], config: VerifyConfig
+) -> float:
+    """Of one pair; `there` leads from the right patch to the left one."""
+    size = len(there)
+    grid = np.stack(np.meshgrid(*[np.arange(size, dtype=np.float32)] * 2), axis=-1)
+    at = grid + there
+
+    def of_left(values: NDArray[np.uint8]) -> Bits:
+        return np.asarray(cv2.remap(values, at, None, cv2.INTER_NEAREST) > 0)
+
+    shown = seen[1] & of_left(seen[0].astype(np.uint8))
+    moved = of_left(covers[0].astype(np.uint8))
+    either = (moved | covers[1]) & shown
+    cells = int(either.sum())
+    if not cells:
+        return 0.0
+    round_trip = np.linalg.norm(there + cv2.remap(back, at, None, cv2.INTER_LINEAR), axis=2)
+    consistent = either & (round_trip < config.round_trip)
+    return float((moved & covers[1] & either).sum() / cells * consistent.sum() / cells)
+
+
+def _grey(patches: Patches) -> NDArray[np.uint8]:
+    """As 8-bit grey values, which the flow takes."""
+    return np.asarray(np.clip(GREY + STEP * patches, 0, 255).astype(np.uint8))
