@@ -9,7 +9,7 @@ from zpm2.config import SegmentConfig
 from zpm2.model import Image
 from zpm2.segment.mask_view import decoded_size
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.protocol import EmbeddedView
+from zpm2.segment.protocol import EmbeddedView, WritableSegmenter
 from zpm2.segment.sam import SamSegmenter, SamView
 from zpm2.segment.sam_backend import OpenVinoBackend
 
@@ -119,6 +119,18 @@ def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> N
     torch = SamSegmenter(SegmentConfig(backend="torch")).view(view.image)
     for prompts in (Prompts.at(points[:4]), boxed(points[:4])):
         assert same(torch.predict(prompts, EVERYTHING), view.predict(prompts, EVERYTHING))
+
+
+def test_a_view_comes_back_from_its_arrays(view: SamView, points: np.ndarray) -> None:
+    pytest.importorskip("openvino")
+    segmenter = SamSegmenter(view.config)
+    segmenter._backend = view.backend
+    assert isinstance(segmenter, WritableSegmenter)
+    arrays = segmenter.written(view)
+    again = segmenter.view_of_written(view.image, {name: array.copy() for name, array in arrays.items()})
+    one, other = (each.predict(Prompts.at(points[:2]), EVERYTHING) for each in (view, again))
+    assert np.array_equal(one.logits, other.logits)
+    assert np.array_equal(view.embedding(), again.embedding())
 
 
 def test_few_networks_stay_and_the_next_ones_answer_alike(

@@ -4,7 +4,7 @@ Masks stay at the decoder's resolution, 256 px along the longer side, until the 
 brought to the image's resolution.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, stacks
 from zpm2.segment.mask_view import MaskView, Room, is_out_of_memory, predicted, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.protocol import PromptedView
 from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, open_backend
 from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input, reduced
 
@@ -75,6 +76,18 @@ class SamSegmenter:
             return [self.view(image) for image in images]
         return [SamView(backend, image, self.config, room, each) for image, each in zip(images, encoded, strict=True)]
 
+    def written(self, view: PromptedView) -> Mapping[str, NDArray[np.generic]] | None:
+        """What the encoder made of a photograph; None in torch: on a GPU that takes no longer than a file."""
+        assert isinstance(view, SamView)
+        if not all(isinstance(part, np.ndarray) for part in view.parts):
+            return None
+        return {str(k): part for k, part in enumerate(view.parts)}
+
+    def view_of_written(self, image: Image, arrays: Mapping[str, NDArray[np.generic]]) -> "SamView":
+        """The view again, with the same bytes."""
+        backend = self.load()
+        return SamView(backend, image, self.config, self._room(backend), list(arrays.values()))
+
     def _room(self, backend: SamBackend) -> Room:
         if self._shared is None:
             self._shared = Room(backend.batch, self.notes)
@@ -104,7 +117,7 @@ class SamView(MaskView):
         self.room = room or Room(backend.batch, [])
         self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
-        self.parts = encoded
+        self.parts: Opaque = encoded
         if encoded is None:
             with NETWORK_LOCK:
                 self.parts = backend.image(encoder_input(image, self.scale))
