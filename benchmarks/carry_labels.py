@@ -48,6 +48,7 @@ def objects_of(matcher: Matcher, root: Path, each: dict[str, Any]) -> list[dict[
                 "confidence": outcome.confidence,
                 "agreement": outcome.agreement,
                 "trust": outcome.trust,
+                "points": outcome.pair_points,
                 "carried": float((found & true).sum() / max((found | true).sum(), 1)),
                 "outline": outline_agreement(found, true),
             }

@@ -87,6 +87,7 @@ def regions_of(
                 "confidence": outcome.confidence,
                 "agreement": outcome.agreement,
                 "trust": outcome.trust,
+                "points": outcome.pair_points,
                 "seconds": seconds,
                 **{name: _iou(inside, bits, truth.right) for name, bits in zip(METHODS, there, strict=True)},
             }

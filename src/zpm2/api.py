@@ -21,6 +21,7 @@ from zpm2.features import PointMatcher
 from zpm2.files.photo_paths import are_swapped, has_content
 from zpm2.model import SIDES
 from zpm2.photos.kept import KeptPhotos
+from zpm2.photos.shelf import Shelf
 from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult, read_result
@@ -44,6 +45,7 @@ class Matcher:
     decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles: an interrupted run goes
     on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took. The
     `photographs` that were used last are not looked at again when they come in another pair; each takes some 30 MB.
+    What networks found in earlier ones is put into the folder `aside`, which the caller makes and removes.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Matcher:
         say: Callable[[str], None] = lambda text: None,
         kept: str | Path | None = None,
         photographs: int = 0,
+        aside: str | Path | None = None,
     ) -> None:
         self.config = configuration.as_config(config)
         self.progress, self.say = progress, say
@@ -63,8 +66,9 @@ class Matcher:
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=self._tell, say=say)
         self._quiet = 0  # how many iterations over many pairs are going on
         self._points, self._segmenter_given = points, segmenter is not None
-        self._photographs = KeptPhotos(photographs)
-        self._carried = self._photographs if photographs >= LAST_TWO else KeptPhotos(LAST_TWO)
+        shelf = None if aside is None else Shelf(Path(aside), 1e9 * self.config.tracks.on_disk)
+        self._photographs = KeptPhotos(photographs, shelf)
+        self._carried = self._photographs if self._photographs.most >= LAST_TWO else KeptPhotos(LAST_TWO)
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are those of `PairMatcher`, and rasters of any size (extra `geo`).

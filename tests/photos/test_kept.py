@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from zpm2.model import Image
-from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
+from zpm2.photos.kept import NOTHING_KEPT, Form, KeptPhotos
+from zpm2.photos.shelf import Shelf
 
 
 def image(value: int, path: str | None = None, valid: bool = True) -> Image:
@@ -38,6 +39,21 @@ def test_what_was_found_is_not_looked_for_again() -> None:
     for of, what in ((kept, image(1)), (NOTHING_KEPT, photo)):  # one that is not kept is asked each time
         assert [of.found(what, "a", lambda: calls.append("c") or "c") for _ in range(2)] == ["c", "c"]
     assert calls == ["a", "b", "c", "c", "c", "c"]
+
+
+def test_what_was_found_in_others_comes_from_the_shelf(tmp_path):
+    kept, calls = KeptPhotos(2, Shelf(tmp_path, 100)), []
+    form = Form(lambda value: {"value": np.array(value)} if value != 3 else None, lambda arrays: int(arrays["value"]))
+
+    def look(value: int, what: str, form: Form[int] | None) -> int:
+        return kept.found(kept.same(image(value)), what, lambda: calls.append((what, value)) or value, form)
+
+    for value in (1, 2, 3, 4, 1, 2, 3, 4, 1):
+        assert look(value, "a", form) == value
+        assert look(value, "b", None) == value
+    assert calls.count(("a", 3)) == calls.count(("b", 4)) == 2  # not written
+    assert calls.count(("b", 1)) == 3
+    assert [call for call in calls if call[0] == "a"] == [("a", value) for value in (1, 2, 3, 4, 3)]
 
 
 def test_nothing_is_remembered_of_what_failed() -> None:

@@ -9,8 +9,9 @@ from zpm2.config import SegmentConfig
 from zpm2.model import Image
 from zpm2.segment.mask_view import decoded_size
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.protocol import EmbeddedView
+from zpm2.segment.protocol import EmbeddedView, WritableSegmenter
 from zpm2.segment.sam import SamSegmenter, SamView
+from zpm2.segment.sam_backend import OpenVinoBackend
 
 pytestmark = pytest.mark.weights
 
@@ -118,6 +119,38 @@ def test_torch_and_openvino_answer_alike(view: SamView, points: np.ndarray) -> N
     torch = SamSegmenter(SegmentConfig(backend="torch")).view(view.image)
     for prompts in (Prompts.at(points[:4]), boxed(points[:4])):
         assert same(torch.predict(prompts, EVERYTHING), view.predict(prompts, EVERYTHING))
+
+
+def test_a_view_comes_back_from_its_arrays(view: SamView, points: np.ndarray) -> None:
+    pytest.importorskip("openvino")
+    segmenter = SamSegmenter(view.config)
+    segmenter._backend = view.backend
+    assert isinstance(segmenter, WritableSegmenter)
+    arrays = segmenter.written(view)
+    again = segmenter.view_of_written(view.image, {name: array.copy() for name, array in arrays.items()})
+    one, other = (each.predict(Prompts.at(points[:2]), EVERYTHING) for each in (view, again))
+    assert np.array_equal(one.logits, other.logits)
+    assert np.array_equal(view.embedding(), again.embedding())
+
+
+def test_few_networks_stay_and_the_next_ones_answer_alike(
+    view: SamView, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Photographs of each shape have mask networks of their own."""
+    pytest.importorskip("openvino")
+    backend = view.backend
+    assert isinstance(backend, OpenVinoBackend)
+    before = view.predict(Prompts.at(points[:1]), EVERYTHING)
+    monkeypatch.setattr("zpm2.segment.sam_backend.MASK_NETWORKS", 1)
+    for height in (40, 80):  # px
+        other = SamView(backend, Image(np.zeros((height, 160, 3), np.uint8)), view.config, encoded=view.parts)
+        other.predict(Prompts.at(np.full((1, 2), 20.0)), EVERYTHING)
+    assert len(backend.mask_networks) == 1
+    encoded = backend.image(np.zeros((1, 3, 1024, 1024), np.float32))  # which frees the prompt networks' memory
+    assert not np.array_equal(encoded[0], view.parts[0])
+    after = view.predict(Prompts.at(points[:1]), EVERYTHING)
+    assert np.array_equal(before.logits, after.logits)
+    assert np.array_equal(before.score, after.score)
 
 
 def test_sixteen_bits_give_the_masks_of_single_precision(view: SamView, points: np.ndarray) -> None:

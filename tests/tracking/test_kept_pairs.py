@@ -74,6 +74,16 @@ def test_files_of_others_stay(tmp_path):
     assert sorted(file.name for file in tmp_path.glob("*.gz")) == ["mine.json.gz", "new.json.gz"]
 
 
+def test_a_temporary_folder_goes(tmp_path):
+    folder = claim(tmp_path / "out", []) / KEPT
+    with Store(folder).temporary() as place:
+        assert place.is_relative_to(tmp_path / "out/.zpm2")
+        (place / "0.npz").write_bytes(b"")
+    assert not list((tmp_path / "out").rglob("*.npz"))
+    with Store(None).temporary() as place:
+        assert place is None
+
+
 def test_without_a_folder_nothing_is_kept():
     store = Store(None)
     assert len(store.get("key", PairMatches, made).left) == 1

@@ -175,6 +175,6 @@ def test_without_prompts_nothing_is_carried(photographs: list[Path]) -> None:
     errand = Errand(0, 1, (0,), (Observation(0, 0, Polygon(0, np.array([[0, 0], [9, 0], [9, 9.0]]))),))
     found = read_photographs(photographs, CONFIG.raster)
     mute = {"progress": lambda stage, share: None, "say": lambda text: None}
-    work = _Work(found, CONFIG, Squares(), None, Store(None), **mute)
+    work = _Work(found, CONFIG, Squares(), None, Store(None), None, **mute)
     assert work.carried([errand]) == []
     assert work.messages == ["the segmenter takes no prompts: regions were not carried further"]

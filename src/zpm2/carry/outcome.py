@@ -27,11 +27,14 @@ class Outcome:
     place: tuple[float, float] | None = None  # px, where its centre is, or should be
     sigma: float | None = None  # px, standard deviation of that place along each axis
     alternatives: tuple[tuple[float, float, float], ...] = ()  # x, y, agreement of other places
+    pair_points: int = 0  # homologous points of the whole pair that agree on one geometry
 
 
-def confidence(agreement: float, trust: float, config: CarryConfig) -> float:
-    """0..1 from the agreement of an answer and the trust in its place (a logistic model)."""
+def confidence(agreement: float, trust: float, points: int, config: CarryConfig) -> float:
+    """0..1 from the agreement of an answer, the trust in its place, and the points of the pair that agree on one
+    geometry (a logistic model)."""
     evidence = config.by_agreement * agreement + config.by_trust * trust - config.intercept
+    evidence += config.by_points * points / (points + config.many_points)
     return float(1 / (1 + np.exp(-evidence)))
 
 

@@ -201,7 +201,7 @@ def _outcome(
         status,
         reason,
         None if seen is None else seen.shape,
-        0.0 if seen is None else outcome.confidence(seen.agreement, trust, config),
+        0.0 if seen is None else outcome.confidence(seen.agreement, trust, found.pair_points, config),
         gone if seen is None else seen.visible,
         0.0 if seen is None else seen.agreement,
         trust,
@@ -209,6 +209,7 @@ def _outcome(
         None if where is None else (float(where.centroid.x), float(where.centroid.y)),
         float(found.sigma[k]) if known and np.isfinite(found.sigma[k]) else None,
         () if seen is None else seen.others,
+        found.pair_points,
     )
 
 

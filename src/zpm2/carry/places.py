@@ -33,6 +33,7 @@ class Places:
     trust: Array  # (n,) 0..1, how much the points say that this is the place
     agreeing: NDArray[np.int64]  # (n,) homologous points inside the region that agree with the map
     sigma: Array  # (n,) px, standard deviation of the place along each axis; NaN where fewer than three points tell
+    pair_points: int = 0  # of the whole pair that agree on one geometry
 
 
 def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryConfig, warp: LocalConfig) -> Places:
@@ -72,6 +73,7 @@ def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryC
         np.asarray(np.bincount(owner, weight * trust, n), np.float64),
         np.bincount(owner, agreeing, n).astype(np.int64),
         sigma[first] if n else sigma,
+        initial.agreeing,
     )
 
 

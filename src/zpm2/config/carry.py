@@ -82,14 +82,21 @@ class CarryConfig:
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
-    intercept: float = number(
-        0.0, "subtracted in the confidence", unit="log-odds", high=100.0, source="fitted, docs/carry.md: -0.02"
-    )
+    intercept: float = number(1.52, "subtracted in the confidence", unit="log-odds", high=100.0, source=FITTED)
     by_agreement: float = number(
-        2.92, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
+        2.42, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_trust: float = number(
-        1.06, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
+        1.47, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
+    )
+    by_points: float = number(
+        2.36, "weight of the pair's agreeing points in the confidence", unit="log-odds", high=100.0, source=FITTED
+    )
+    many_points: float = number(
+        500.0,
+        "agreeing points of a pair that count half as much as any number of them",
+        above=True,
+        source=CARRY,
     )
     window: int = number(
         1024, "side of the windows of large photographs", unit="px", low=256, high=16384, source="SAM sees 1024 px"

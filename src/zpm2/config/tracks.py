@@ -53,3 +53,10 @@ class TracksConfig:
         high=10_000,
         source="pairs of neighbours follow one another",
     )
+    on_disk: float = number(
+        4.0,
+        "for what networks found in other photographs, in the output folder until the end; each takes some 12 MB",
+        unit="GB",
+        high=1e6,
+        source="300 photographs",
+    )

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.model import Image, PointMatches
-from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
+from zpm2.photos.kept import NOTHING_KEPT, Form, KeptPhotos
+from zpm2.photos.shelf import Arrays
 
 
 class PointMatcher(Protocol):
@@ -42,6 +43,17 @@ class Features:
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def _written(features: Features) -> Arrays:
+    points, descriptors, scores = features.points, features.descriptors, features.scores
+    return {"points": points, "descriptors": descriptors, "scores": scores, "size": np.array(features.size)}
+
+
+def _read(arrays: Arrays) -> Features:
+    points, scores = np.asarray(arrays["points"], np.float64), np.asarray(arrays["scores"], np.float64)
+    width, height = (int(side) for side in arrays["size"])
+    return Features(points, np.asarray(arrays["descriptors"], np.float32), scores, (width, height))
 
 
 class Detector(Protocol):
@@ -80,7 +92,7 @@ class SparseMatcher:
         return self._pair(self._features(left, kept), self._features(right, kept))
 
     def _features(self, image: Image, kept: KeptPhotos) -> Features:
-        return kept.found(image, (self.name, id(self)), lambda: self.detector.detect([image])[0])
+        return kept.found(image, (self.name, id(self)), lambda: self.detector.detect([image])[0], Form(_written, _read))
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""

@@ -1,11 +1,11 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views_together` (`JointSegmenter`), `notes` (`HasNotes`),
-`path` (`FromFile`).
+(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views_together` (`JointSegmenter`), `written`
+(`WritableSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -103,4 +103,17 @@ class JointSegmenter(PromptedSegmenter, Protocol):
 
     def views_together(self, images: Sequence[Image]) -> Sequence[PromptedView]:
         """The photographs, encoded."""
+        ...
+
+
+@runtime_checkable
+class WritableSegmenter(PromptedSegmenter, Protocol):
+    """A `PromptedSegmenter` whose views can be put aside on disk."""
+
+    def written(self, view: PromptedView) -> Mapping[str, NDArray[np.generic]] | None:
+        """What the network made of the photograph of one of its views; None where that is not in arrays."""
+        ...
+
+    def view_of_written(self, image: Image, arrays: Mapping[str, NDArray[np.generic]]) -> PromptedView:
+        """The view again, with the same bytes."""
         ...

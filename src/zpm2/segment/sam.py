@@ -4,7 +4,7 @@ Masks stay at the decoder's resolution, 256 px along the longer side, until the 
 brought to the image's resolution.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from zpm2.runtime import ForkAwareLock
 from zpm2.segment import automatic, stacks
 from zpm2.segment.mask_view import LITTLE_MEMORY, MaskView, Room, is_out_of_memory, predicted, settled
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.protocol import PromptedView
 from zpm2.segment.sam_backend import TOKEN_PX, Opaque, SamBackend, TorchBackend, of_photograph, open_backend
 from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input, reduced
 from zpm2.segment.sam_padding import thinned
@@ -80,6 +81,18 @@ class SamSegmenter:
             return [self.view(image) for image in images]
         return [SamView(backend, image, self.config, room, each) for image, each in zip(images, encoded, strict=True)]
 
+    def written(self, view: PromptedView) -> Mapping[str, NDArray[np.generic]] | None:
+        """What a view keeps of the encoder's work; None in torch: on a GPU that takes no longer than a file."""
+        assert isinstance(view, SamView)
+        if not all(isinstance(part, np.ndarray) for part in view.parts):
+            return None
+        return {str(k): part for k, part in enumerate(view.parts)}
+
+    def view_of_written(self, image: Image, arrays: Mapping[str, NDArray[np.generic]]) -> "SamView":
+        """The view again, with the same bytes."""
+        backend = self.load()
+        return SamView(backend, image, self.config, self._room(backend), parts=list(arrays.values()))
+
     def _room(self, backend: SamBackend) -> Room:
         if self._shared is None:
             self._shared = Room(backend.batch, self.notes, backend.few)
@@ -93,7 +106,8 @@ class SamSegmenter:
 class SamView(MaskView):
     """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and `EmbeddedView`.
 
-    `encoded` is what `backend.image` returns of it, where that is known, and `room` that of all views of a backend.
+    `encoded` is what `backend.image` returns of it, where that is known, `parts` what an earlier view made of that, and
+    `room` that of all views of a backend.
     """
 
     def __init__(
@@ -103,6 +117,7 @@ class SamView(MaskView):
         config: SegmentConfig,
         room: Room | None = None,
         encoded: Opaque | None = None,
+        parts: Opaque | None = None,
     ) -> None:
         super().__init__(image, ENCODER_SIDE)
         self.backend, self.config, self.batch = backend, config, backend.batch
@@ -110,10 +125,12 @@ class SamView(MaskView):
         self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
         self.cells = int(-(-self.size[0] // TOKEN_PX)), int(-(-self.size[1] // TOKEN_PX))  # (height, width) tokens
-        self.parts, few = encoded, thinned(self.cells, config.padding) if config.padding else None
+        self.parts: Opaque = parts
+        if parts is not None:
+            return
+        few = thinned(self.cells, config.padding) if config.padding else None
         with NETWORK_LOCK:
-            if encoded is None:
-                self.parts = backend.image(encoder_input(image, self.scale))
+            self.parts = backend.image(encoder_input(image, self.scale)) if encoded is None else encoded
             if few is not None:
                 self.parts = backend.thinned(self.parts, few)
 

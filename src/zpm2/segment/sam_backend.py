@@ -5,6 +5,7 @@ everything that they depend on: the weights' hash, this file's `VERSION`, and th
 """
 
 import warnings
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from functools import cache
@@ -25,7 +26,7 @@ from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
-    from openvino import CompiledModel, Core
+    from openvino import CompiledModel, Core, InferRequest
     from torch import Tensor
 
 Array = NDArray[np.float32]
@@ -37,6 +38,7 @@ VERSION = 4  # of the cut into networks; raise it when sam_network.py changes wh
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
 NETWORKS = ("image", "prompt", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
+MASK_NETWORKS = 8  # sizes of masks whose networks stay compiled; one has 15 MB and takes 0.1 s to compile
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
 KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes
@@ -178,6 +180,26 @@ def openvino_core() -> "Core":
     return openvino.Core()
 
 
+class _Network:
+    """A compiled network, and the memory that it works in, which it keeps until it rests."""
+
+    def __init__(self, compiled: "CompiledModel") -> None:
+        self.compiled = compiled
+        self._request: InferRequest | None = None
+
+    def __call__(self, inputs: list[Array]) -> list[Array]:
+        """The outputs lie in the network's own memory, until it runs again or rests."""
+        if self._request is None:
+            self._request = self.compiled.create_infer_request()
+        return list(self._request.infer(inputs, share_inputs=True, share_outputs=True).values())
+
+    def rest(self) -> None:
+        """Frees the memory that it works in, some 250 MB of an image or a prompt network."""
+        if self._request is not None:
+            self._request = None
+            self.compiled.release_memory()
+
+
 class OpenVinoBackend:
     """The networks converted to OpenVINO, on the CPU."""
 
@@ -196,12 +218,12 @@ class OpenVinoBackend:
         self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
-        # by number of image tokens, last used last; of each, by number of prompts and of tokens of each prompt
-        self.prompt_networks: dict[int, dict[tuple[int, ...], CompiledModel]] = {}
-        # by number of masks and of rows and columns of tokens
-        self.mask_networks: dict[tuple[int, ...], CompiledModel] = {}
+        # by number of image tokens, the latest used last; of each, by number of prompts and of tokens of each prompt
+        self.prompt_networks: OrderedDict[int, dict[tuple[int, ...], _Network]] = OrderedDict()
+        # by number of masks and of rows and columns of tokens, the latest used last
+        self.mask_networks: OrderedDict[tuple[int, ...], _Network] = OrderedDict()
 
-    def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> "CompiledModel":
+    def _compile(self, name: str, shapes: list[tuple[int, ...]] | None = None) -> _Network:
         # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
         options = {
             "INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision,
@@ -210,10 +232,13 @@ class OpenVinoBackend:
         graph = self.graphs[name].clone()
         if shapes:
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
-        return self.core.compile_model(graph, "CPU", options)
+        return _Network(self.core.compile_model(graph, "CPU", options))
 
     def image(self, pixels: Array) -> list[Array]:
-        return [part.copy() for part in self._run(self.image_network, [pixels])]
+        for networks in self.prompt_networks.values():
+            for network in networks.values():
+                network.rest()
+        return [part.copy() for part in self.image_network([pixels])]
 
     def thinned(self, parts: list[Array], tokens: ThinnedTokens) -> list[Array]:
         return [*(np.ascontiguousarray(part) for part in _rows(parts[:-1], tokens.rows)), tokens.log_count]
@@ -221,24 +246,20 @@ class OpenVinoBackend:
     def tokens(self, parts: list[Array]) -> Array:
         return np.asarray(parts[0])
 
-    @staticmethod
-    def _run(network: "CompiledModel", inputs: list[Array]) -> list[Array]:
-        """The outputs lie in the network's own memory, until it runs again."""
-        return list(network(inputs, share_inputs=True, share_outputs=True).values())
-
     def prompt(self, parts: list[Array], sparse: Array) -> tuple[Array, Array, Array]:
         """In batches of a fixed size, filled up with zeros: a fifth faster than networks for any size."""
         given = len(sparse)
         full = np.zeros((self.few if given <= self.few else self.batch, *sparse.shape[1:]), np.float32)
         full[:given] = sparse
+        self.image_network.rest()
         size, key = len(parts[0]), full.shape[:2]
-        networks = self.prompt_networks.pop(size, {})
-        self.prompt_networks[size] = networks
+        networks = self.prompt_networks.setdefault(size, {})
+        self.prompt_networks.move_to_end(size)
         while sum(self.prompt_networks) > KEPT_TOKENS:
-            del self.prompt_networks[next(iter(self.prompt_networks))]
+            self.prompt_networks.popitem(last=False)
         if key not in networks:
             networks[key] = self._compile("prompt", [part.shape for part in (*parts, full)])
-        iou, hyper, tokens = self._run(networks[key], [*parts, full])
+        iou, hyper, tokens = networks[key]([*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
     def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
@@ -250,7 +271,10 @@ class OpenVinoBackend:
             key = (*weights.shape, *part.shape)
             if key not in self.mask_networks:
                 self.mask_networks[key] = self._compile("mask", [part.shape, weights.shape])
-            logits[k] = self._run(self.mask_networks[key], [part, weights])[0][0, :, : size[0], : size[1]]
+                while len(self.mask_networks) > MASK_NETWORKS:
+                    self.mask_networks.popitem(last=False)
+            self.mask_networks.move_to_end(key)
+            logits[k] = self.mask_networks[key]([part, weights])[0][0, :, : size[0], : size[1]]
         return logits
 
 

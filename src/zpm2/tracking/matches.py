@@ -2,8 +2,8 @@
 
 import gzip
 import json
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -15,8 +15,8 @@ from zpm2 import geometry
 from zpm2.config import GlobalConfig
 from zpm2.errors import Failed, InputError, OutputError
 from zpm2.files.reading import WRONG, parse_json, unpack_gzip
-from zpm2.files.record import HIDDEN, remove_own
-from zpm2.files.writing import atomic_write, claim
+from zpm2.files.record import HIDDEN, remove_own, temporary_folder
+from zpm2.files.writing import atomic_write, claim, why
 from zpm2.formats.convert import Converter, Layout
 from zpm2.formats.document import LAYOUTS
 from zpm2.model import PointMatches, Polygon
@@ -113,6 +113,19 @@ class Store:
         except OutputError as error:
             raise OutputError(f"{error}; finished pairs are kept, run the same command again to go on") from error
         return made
+
+    @contextmanager
+    def temporary(self) -> Iterator[Path | None]:
+        """A folder beside the finished work, removed at the end; None without a folder. `OutputError`."""
+        if self.folder is None:
+            yield None
+            return
+        with ExitStack() as held:
+            try:
+                place = held.enter_context(temporary_folder(claim(self.folder, [])))
+            except OSError as error:
+                raise OutputError(f"cannot write into {self.folder}: {why(error, self.folder)}") from error
+            yield place
 
     def forget_others(self) -> None:
         """Removes what this run did not use, so that the folder does not grow from run to run."""

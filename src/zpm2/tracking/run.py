@@ -42,7 +42,8 @@ def tracks(
     pairs: which are matched with each other: "sequential" (neighbours in this order), "exhaustive", "colmap" (the pairs
     with verified matches in the database.db beside them), a database or a model of COLMAP, a list with two names a
     line, or "auto": by the positions that all of them have (EXIF, georeference), else by the points that they share.
-    kept: a folder for finished pairs: a run goes on from there if photographs, configuration and code are the same.
+    kept: a folder for finished pairs: a run goes on from there if photographs, configuration and code are the same. The
+    run also puts there, and removes in the end, what networks found in photographs that left the memory.
 
     segmenter, points, progress and say are those of `Matcher`. `InputError` for photographs that cannot be read, that
     are fewer than two or given twice, and where no pair is left; other errors are those of `Matcher`.
@@ -54,18 +55,21 @@ def tracks(
         found = read_photographs(given, chosen.raster)
     with timer("choose"):
         way = choose_pairs(found, pairs, chosen, resolve_device(chosen.device), progress)
-    work = _Work(found, chosen, segmenter, points, Store(None if kept is None else Path(kept)), progress, say)
-    with timer("match"):
-        matched = work.matched(way.pairs)
-    matches = [match for n, (pair, each) in enumerate(matched.items()) for match in _track_matches(n, pair, each)]
-    with timer("join"):
-        joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
-    more = list[tuple[Errand, CarriedRegions]]()
-    if chosen.tracks.extend:
-        with timer("extend"):
-            more = work.carried(errands(joined, {pair: len(m.left) for pair, m in matched.items()}, chosen.tracks))
-        matches += [m for n, (e, c) in enumerate(more, len(matched)) for m in carried_matches(e, c, n, chosen.tracks)]
-        joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
+    store = Store(None if kept is None else Path(kept))
+    with store.temporary() as aside:
+        work = _Work(found, chosen, segmenter, points, store, aside, progress, say)
+        with timer("match"):
+            matched = work.matched(way.pairs)
+        matches = [match for n, (pair, each) in enumerate(matched.items()) for match in _track_matches(n, pair, each)]
+        with timer("join"):
+            joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
+        more = list[tuple[Errand, CarriedRegions]]()
+        if chosen.tracks.extend:
+            with timer("extend"):
+                more = work.carried(errands(joined, {pair: len(m.left) for pair, m in matched.items()}, chosen.tracks))
+            extended = enumerate(more, len(matched))
+            matches += [match for n, (e, c) in extended for match in carried_matches(e, c, n, chosen.tracks)]
+            joined, _ = build_tracks(matches, chosen.tracks.same, votes=True)
     if work.store.reused:
         say(f"{work.store.reused} finished pairs were taken from an earlier run")
     work.store.forget_others()
@@ -106,10 +110,11 @@ class _Work:
         segmenter: Segmenter | None,
         points: PointMatcher | None,
         store: Store,
+        aside: Path | None,
         progress: Progress,
         say: Callable[[str], None],
     ) -> None:
-        self.photographs, self.config, self.store = photographs, config, store
+        self.photographs, self.config, self.store, self.aside = photographs, config, store, aside
         self.progress, self.say = progress, say
         self._segmenter, self._points = segmenter, points
         self.messages: list[str] = []
@@ -164,6 +169,7 @@ class _Work:
                 progress=self.progress,
                 say=self.say,
                 photographs=self.config.tracks.looked_at,
+                aside=self.aside,
             )
         return self._matcher
 
