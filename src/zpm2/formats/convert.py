@@ -120,7 +120,9 @@ class Converter:
     def _reader(self, hint: object, shape: tuple[int, ...] | None = None) -> Reader:
         """Reads a value of a type hint."""
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-        if hasattr(origin, "__value__"):  # NDArray of numpy 2.5 is an alias by the statement `type`
+        if origin is not None and hasattr(
+            origin, "__value__"
+        ):  # NDArray of numpy 2.5 is an alias by the statement `type`
             return self._reader(origin.__value__[arguments], shape)
         if origin in (types.UnionType, typing.Union):
             return self._union_reader(arguments, shape)
