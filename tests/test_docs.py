@@ -172,8 +172,6 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, m
         pytest.importorskip("starlette", reason='needs pip install "zpm2[app]"')
         monkeypatch.setattr("uvicorn.Server.run", lambda self, sockets: None)  # else it would serve for ever
         monkeypatch.setattr("webbrowser.open", lambda address: True)
-        if words[1] == "out":
-            assert run("match", "left.png", "right.png", "-o", "out", *QUICK).code == 0
     if "--score-only" in words:
         assert run(*(word for word in words if word != "--score-only")).code == 0
     if "--matches" in words:

@@ -81,18 +81,18 @@ def test_answers_that_hold_the_points_come_first() -> None:
 def test_large_photographs_are_reduced_and_told_in_their_own_px() -> None:
     config = quick()
     small = replace(config, carry=replace(config.carry, window=256))  # 512 px are seen as a whole
-    left, right = (Image(np.ascontiguousarray(each.rgb.repeat(4, 0).repeat(4, 1))) for each in photographs())
+    left, right = (Image(np.ascontiguousarray(each.rgb.repeat(2, 0).repeat(2, 1))) for each in photographs())
     sides = read(left, "left.png", "left", small), read(right, "right.png", "right", small)
-    assert (sides[0].width, sides[0].image.width) == (1280, 512)
-    assert "512 x 384 of its 1280 x 960 px" in sides[0].messages[-1]
+    assert (sides[0].width, sides[0].image.width) == (640, 512)
+    assert "512 x 384 of its 640 x 480 px" in sides[0].messages[-1]
     found = Pair(sides, PairMatcher(small), lambda stage, share: None)
-    drawn = found.draw(0, replace(clicked(1, 0), inside=4 * clicked(1, 0).inside))
-    assert iou(drawn.shape, shapely.affinity.scale(truth(1), 4, 4, origin=(0, 0))) > 0.85
+    drawn = found.draw(0, replace(clicked(1, 0), inside=2 * clicked(1, 0).inside))
+    assert iou(drawn.shape, shapely.affinity.scale(truth(1), 2, 2, origin=(0, 0))) > 0.85
     outcome = found.carry(0, drawn.shape)
-    assert iou(outcome.shape, shapely.affinity.scale(truth(1, 1), 4, 4, origin=(0, 0))) > 0.85
+    assert iou(outcome.shape, shapely.affinity.scale(truth(1, 1), 2, 2, origin=(0, 0))) > 0.85
     assert outcome.place[0] > 320
     points = found.points
-    assert np.median(points.left - points.right, axis=0) == pytest.approx([4 * SHIFT, 0], abs=1)
+    assert np.median(points.left - points.right, axis=0) == pytest.approx([2 * SHIFT, 0], abs=1)
     ones = np.ones((len(points), 1))
     far = np.abs(np.einsum("ni,ij,nj->n", np.c_[points.right, ones], found.fundamental, np.c_[points.left, ones]))
     assert np.median(far / np.linalg.norm((np.c_[points.left, ones] @ found.fundamental.T)[:, :2], axis=1)) < 2

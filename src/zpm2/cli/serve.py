@@ -46,7 +46,10 @@ def app(
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.", rich_help_panel=RUN)] = 0,
     host: Annotated[
-        str, typer.Option(help="Address to listen on. Any other than this one opens the page to the network.")
+        str,
+        typer.Option(
+            help="Address to listen on. Any other than this one opens the page to the network.", rich_help_panel=RUN
+        ),
     ] = LOCAL,
     max_upload: Annotated[
         str, typer.Option(metavar="SIZE", help="Largest photograph that the page takes.", rich_help_panel=RUN)
