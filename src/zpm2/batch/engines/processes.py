@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -126,6 +127,7 @@ def _work(pipe: "Connection[object, object]", job: Job, number: int, workers: in
     """What a process does. It ends with the one that started it, and leaves signals to that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    warnings.filterwarnings("ignore", "Dataset has no geotransform")  # rasterio's, of usual photographs
     _take_cores(number, workers)
     memory.share_among(workers)
     try:
