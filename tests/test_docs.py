@@ -84,7 +84,7 @@ def workplace(pair: Pair, grey: Path, photographs: Path, tmp_path: Path, monkeyp
         layer(tmp_path / f"houses_{year}.geojson", turn)
     shutil.copytree(photographs, tmp_path / "photos")
     monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
-    monkeypatch.setattr("zpm2.evaluate.speed._marked", lambda image, run: image)  # tested elsewhere
+    monkeypatch.setattr("zpm2.evaluate.speed._marked", lambda image, run: image)  # see test_speed.py
     (tmp_path / "options.toml").write_text(next(text for _, text in blocks("toml")))
     monkeypatch.chdir(tmp_path)
     return tmp_path
