@@ -106,7 +106,7 @@ def main() -> None:
         for direction in ("both", "off")
     ]
     if options.torch:
-        plain = ["segment.quality=full", "guided.direction=off", "segment.backend=torch"]
+        plain = ["segment.quality=full", "guided.direction=off", "segment.backend=torch", "segment.padding=0"]
         runs.append(("torch, full", plain, [options.torch]))
         runs.append(("torch as published, full", plain, [options.torch]))
     rows: dict[str, list[dict[str, Any]]] = {}

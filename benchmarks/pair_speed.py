@@ -4,9 +4,8 @@
 
 Each version runs in a process of its own, one at a time. What the networks say and where points are is remembered from
 the first run of the version `--before` (the networks are the same in both), so that only the work of the processor is
-left; with `--networks` they run each time and count. CPU seconds are those of the process: other work on the machine
-does not count, though it makes all work slower. With `--synthetic`, the matcher alone on pairs of matcher_growth.py is
-timed too.
+left. CPU seconds are those of the process: other work on the machine does not count. With `--synthetic`, the matcher
+alone on pairs of matcher_growth.py is timed too.
 """
 
 import argparse
@@ -19,7 +18,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -33,9 +32,8 @@ HERE = Path(__file__).parent
 GRIDS = {"synthetic 200": (20, 10), "synthetic 2000": (50, 40)}
 
 
-def work(store: Path | None) -> None:
-    """A worker: reads names or pairs as JSON from stdin, a line each, and answers with digest and seconds. `store` is a
-    folder for what is remembered; None: nothing is."""
+def work(store: Path) -> None:
+    """A worker: reads names or pairs as JSON from stdin, a line each, and answers with digest and seconds."""
     sys.path[:0] = [str(HERE.parent / "tests")]
     import zpm2.runtime
     from zpm2.api import Matcher
@@ -47,7 +45,7 @@ def work(store: Path | None) -> None:
         if isinstance(asked, str):
             answer = synthetic(*GRIDS[asked])
         else:
-            with remembered(store / f"{abs(hash(tuple(asked)))}.pickle") if store else nullcontext():
+            with remembered(store / f"{abs(hash(tuple(asked)))}.pickle"):
                 start = process_time()
                 result = matcher(*asked)
                 total = process_time() - start
@@ -123,17 +121,16 @@ def main() -> None:
     parser.add_argument("--before", type=Path, required=True, help="folder of the other version's checkout")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--synthetic", action="store_true")
-    parser.add_argument("--networks", action="store_true")
-    parser.add_argument("--work", help=argparse.SUPPRESS)
+    parser.add_argument("--work", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.work is not None:
-        work(Path(given.work) if given.work else None)
+    if given.work:
+        work(given.work)
         return
     pairs = [list(pair) for pair in zip(given.photographs[::2], given.photographs[1::2], strict=True)]
     rows = []
     with TemporaryDirectory() as store:
         versions = {"before": given.before.resolve(), "now": HERE.parent}
-        command = [sys.executable, __file__, "--before", ".", "--work", "" if given.networks else store]
+        command = [sys.executable, __file__, "--before", ".", "--work", store]
         workers = {
             name: subprocess.Popen(
                 command,

@@ -14,7 +14,7 @@ from zpm2.segment import sam_network
 from zpm2.segment.mask_view import Room
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter, SamView
-from zpm2.segment.sam_backend import TorchBackend
+from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend
 from zpm2.segment.sam_padding import GRID, STEP, thinned
 
 
@@ -98,6 +98,18 @@ def test_the_rest_of_prompts_goes_in_smaller_batches() -> None:
     assert sizes == [16, 16, 4, 4, 4]
     assert Room(16, [], 4).next(13) == 16
     assert Room(16, []).next(1) == 16
+
+
+def test_networks_for_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = list[tuple[int, ...]]()
+    backend = OpenVinoBackend.__new__(OpenVinoBackend)
+    backend.batch, backend.few, backend.prompt_networks = 16, 4, {}
+    monkeypatch.setattr(backend, "_compile", lambda name, shapes: compiled.append((shapes[0][0], shapes[-1][0])))
+    monkeypatch.setattr(backend, "_run", lambda network, inputs: [np.zeros((len(inputs[-1]), 1))] * 3)
+    for size, number in ((4096, 16), (4096, 3), (1536, 9), (4096, 16), (2560, 1), (3072, 16), (1536, 16)):
+        assert len(backend.prompt([np.zeros((size, 1), np.float32)], np.zeros((number, 2, 1), np.float32))[0]) == number
+    assert compiled == [(4096, 16), (4096, 4), (1536, 16), (2560, 4), (3072, 16), (1536, 16)]
+    assert list(backend.prompt_networks) == [2560, 3072, 1536]  # 8192 image tokens at most
 
 
 def test_photographs_that_do_not_fit_together_are_encoded_one_by_one_and_that_is_told() -> None:
