@@ -45,7 +45,7 @@ class VerifyConfig:
     """The evidence of a match that did not make it, and the judge who rejects matches by it (`verify`)."""
 
     min_confidence: float = share(
-        0.85, "under which the judge rejects a match", source="precision of 0.98 on everyday pairs, docs/confidence.md"
+        0.86, "under which the judge rejects a match", source="precision of 0.98 and 0.97, docs/confidence.md"
     )
     patch: int = number(
         32,
