@@ -33,9 +33,9 @@ class TracksConfig:
     )
     extend: bool = option(True, "carry regions into neighbours of their photographs where they were missed")
     min_carried: float = share(
-        0.5,
+        0.8,
         "confidence from which on a carried outline joins its track",
-        source="more likely right than wrong; tried on fountain-P11 (docs/tracks.md)",
+        source="tried on fountain-P11 (docs/tracks.md)",
     )
     max_carried: int = number(
         100, "regions carried from one photograph to another, those in most photographs first", source="time"
