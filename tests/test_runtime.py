@@ -84,7 +84,7 @@ def test_threads_share_a_matcher(kind: str, pair: Pair) -> None:
 class OneRequest:
     """SAM's networks with one memory for what they return, as OpenVINO's."""
 
-    name, batch = "openvino", 4
+    name, batch, few = "openvino", 4, 0
 
     def __init__(self) -> None:
         self.alone = Alone()

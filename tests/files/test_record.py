@@ -223,7 +223,8 @@ def test_removal_is_in_one_place():
     cache = "weights/converted.py"  # of our own folder, and it removes nothing itself
     lock = "files/lock.py"  # the file that it made and holds
     contract = "contract/formats.py"  # a file in a temporary folder, which a format must leave alone
-    assert found == {"files/record.py", "files/writing.py", lock, cache, contract}
+    app = "app/session.py"  # what a browser sent, in a temporary folder, until it is decoded
+    assert found == {"files/record.py", "files/writing.py", lock, cache, contract, app}
 
 
 HOLD = """

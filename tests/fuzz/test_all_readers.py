@@ -24,7 +24,8 @@ OPENING = (  # of libraries, where they are given a path or its file
 LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
     "files/reading.py: unpack_gzip": "bytes",
-    "cloud/page.py: page": "the package's own template",
+    "export/colmap.py: write": "the photographs, which COLMAP reads in a temporary database of our own",
+    "photos/shelf.py: get": "what this run itself wrote, in its own temporary folder",
     "view/report/assets.py: _text": "the package's own files",
     "cli/view.py: view": "the browser",
     "cli/serve.py": "the browser; what it shows is opened by app/session.py",

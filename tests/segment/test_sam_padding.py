@@ -1,5 +1,7 @@
 """The empty part of SAM's square, told by few of its tokens."""
 
+from collections import OrderedDict
+
 import numpy as np
 import pytest
 import torch
@@ -100,12 +102,27 @@ def test_the_rest_of_prompts_goes_in_smaller_batches() -> None:
     assert Room(16, []).next(1) == 16
 
 
+class Network:
+    """A compiled network that answers with zeros."""
+
+    def __call__(self, inputs: list[np.ndarray]) -> list[np.ndarray]:
+        return [np.zeros((len(inputs[-1]), 1))] * 3
+
+    def rest(self) -> None:
+        """As ever."""
+
+
 def test_networks_for_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = list[tuple[int, ...]]()
     backend = OpenVinoBackend.__new__(OpenVinoBackend)
-    backend.batch, backend.few, backend.prompt_networks = 16, 4, {}
-    monkeypatch.setattr(backend, "_compile", lambda name, shapes: compiled.append((shapes[0][0], shapes[-1][0])))
-    monkeypatch.setattr(backend, "_run", lambda network, inputs: [np.zeros((len(inputs[-1]), 1))] * 3)
+    backend.batch, backend.few, backend.prompt_networks = 16, 4, OrderedDict()
+    backend.image_network = Network()
+
+    def compile_one(name: str, shapes: list[tuple[int, ...]]) -> Network:
+        compiled.append((shapes[0][0], shapes[-1][0]))
+        return Network()
+
+    monkeypatch.setattr(backend, "_compile", compile_one)
     for size, number in ((4096, 16), (4096, 3), (1536, 9), (4096, 16), (2560, 1), (3072, 16), (1536, 16)):
         assert len(backend.prompt([np.zeros((size, 1), np.float32)], np.zeros((number, 2, 1), np.float32))[0]) == number
     assert compiled == [(4096, 16), (4096, 4), (1536, 16), (2560, 4), (3072, 16), (1536, 16)]

@@ -160,7 +160,7 @@ def batch(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Do many pairs: match them, find their poses, or carry regions.
+    """Match many pairs, find their poses, or carry regions in them.
 
     Each pair gets a folder of its own in pairs/, with the files of that command; index.parquet has a row for each, and
     grows while the run goes on. Start the same command again to go on after an interruption. If a pair failed, its row

@@ -39,7 +39,6 @@ def write(keypoints: Keypoints, folder: Path, seed: int) -> None:
                     database.write_matches(*(number[name] for name in pair.names), pair.rows.astype(np.uint32))
         finally:
             database.close()
-        (part / PAIRS).write_text(lines)
-        pycolmap.verify_matches(file, part / PAIRS, seeded(pycolmap.TwoViewGeometryOptions(), seed))
+        pairs = atomic_write(folder / PAIRS, lines)
+        pycolmap.verify_matches(file, pairs, seeded(pycolmap.TwoViewGeometryOptions(), seed))
         move_into_place(file, folder / DATABASE)
-    atomic_write(folder / PAIRS, lines)
