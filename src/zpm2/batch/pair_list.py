@@ -9,10 +9,11 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 from zpm2.batch import remote
-from zpm2.batch.tables import read_columns, require_pyarrow
+from zpm2.batch.tables import read_columns
 from zpm2.config import Config
 from zpm2.errors import ConfigError, InputError
 from zpm2.files import reading
+from zpm2.formats.parquet import require_pyarrow
 from zpm2.runtime import Progress, resolve_device
 from zpm2.tracking.pairs import choose_pairs
 from zpm2.tracking.photographs import read_photographs

@@ -17,10 +17,11 @@ from zpm2.batch.job import Job, Task, tasks
 from zpm2.batch.pair_list import Pair, part_of, read_pairs, to_csv
 from zpm2.batch.results import DONE, FAILED, INDEX, MISSING, PairRow, results_in
 from zpm2.batch.supply import Supply
-from zpm2.batch.tables import Columns, IndexTable, Value, joined, read_columns, read_note, require_pyarrow
+from zpm2.batch.tables import Columns, IndexTable, Value, joined, read_columns, read_note
 from zpm2.errors import ConfigError, InputError
 from zpm2.files import reading
 from zpm2.files.writing import atomic_write, claim, results_folder
+from zpm2.formats.parquet import require_pyarrow
 from zpm2.runtime import Progress
 
 SHARDS, LIST = "shards", "pairs.csv"

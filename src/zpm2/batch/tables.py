@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal
 
 from zpm2 import memory
-from zpm2.errors import InputError, MissingDependency
+from zpm2.errors import InputError
 from zpm2.files.reading import WRONG
 
 if TYPE_CHECKING:
@@ -18,14 +18,6 @@ Columns = Mapping[str, Kind]
 NOTE = b"zpm2"  # key of what a file says of itself
 CHUNK = 4096  # rows that are kept as Python's before they are packed
 ROW_BYTES = 1000  # about, of a row as Python's
-
-
-def require_pyarrow(who: str) -> None:
-    """`MissingDependency` without pyarrow."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise MissingDependency(f'{who} needs pyarrow: pip install "zpm2[parquet]"') from error
 
 
 def read_columns(content: bytes, place: str, wanted: Sequence[str] | None = None) -> dict[str, list[object]]:

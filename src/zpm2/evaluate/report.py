@@ -7,11 +7,12 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from zpm2.config import Config
-from zpm2.errors import Failed, InputError, MissingDependency
+from zpm2.errors import Failed, InputError
 from zpm2.evaluate import predictions
 from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth, Truth
@@ -19,6 +20,7 @@ from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
 from zpm2.evaluate.tables import TABLES, here
 from zpm2.files.writing import atomic_write, claim
+from zpm2.formats.parquet import require_pyarrow
 from zpm2.model import Camera
 from zpm2.pose import PoseFinder
 from zpm2.result import MatchResult
@@ -214,12 +216,9 @@ def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: boo
         atomic_write(out / "rows.parquet", _parquet(columns, rows))
 
 
-def require_parquet() -> None:
-    """`MissingDependency` where Parquet cannot be written."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        raise MissingDependency('--parquet needs pyarrow: pip install "zpm2[parquet]"') from error
+def require_parquet() -> ModuleType:
+    """pyarrow, or `MissingDependency` where Parquet cannot be written."""
+    return require_pyarrow("--parquet")
 
 
 def collect(pairs: Iterable[EvalPair], out: Path, tell: Callable[[str], None]) -> list[Row]:
@@ -232,10 +231,7 @@ def collect(pairs: Iterable[EvalPair], out: Path, tell: Callable[[str], None]) -
 
 
 def _parquet(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
-    require_parquet()
-    import pyarrow
-    import pyarrow.parquet
-
+    pyarrow = require_parquet()
     sink = pyarrow.BufferOutputStream()
     content = pyarrow.table({name: [r.get(name) for r in rows] for name in columns})
     pyarrow.parquet.write_table(content, sink)

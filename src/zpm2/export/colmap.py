@@ -11,7 +11,6 @@ from zpm2.files.writing import atomic_write
 from zpm2.formats.colmap import colmap_can, require_pycolmap, seeded
 
 DATABASE, PAIRS = FILES = ("database.db", "pairs.txt")
-MIN_MATCHES = 1  # pairs without any are left out
 
 
 def write(keypoints: Keypoints, folder: Path, seed: int) -> None:
@@ -22,7 +21,7 @@ def write(keypoints: Keypoints, folder: Path, seed: int) -> None:
     Names start from `keypoints.root`, which is the image path that COLMAP's mapper has to be given.
     """
     pycolmap = require_pycolmap()
-    lines = "".join(f"{' '.join(pair.names)}\n" for pair in keypoints.pairs if len(pair.rows) >= MIN_MATCHES)
+    lines = "".join(f"{' '.join(pair.names)}\n" for pair in keypoints.pairs if len(pair.rows))
     with temporary_folder(folder) as part, colmap_can(f"use the photographs in {keypoints.root}"):
         file = part / DATABASE
         pycolmap.Database.open(str(file)).close()
@@ -35,7 +34,7 @@ def write(keypoints: Keypoints, folder: Path, seed: int) -> None:
             for name, points in keypoints.points.items():
                 database.write_keypoints(number[name], points.astype(np.float32))
             for pair in keypoints.pairs:
-                if len(pair.rows) >= MIN_MATCHES:
+                if len(pair.rows):
                     database.write_matches(*(number[name] for name in pair.names), pair.rows.astype(np.uint32))
         finally:
             database.close()

@@ -2,28 +2,18 @@
 
 import json
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.errors import MissingDependency
 from zpm2.files.writing import atomic_write
 from zpm2.formats.layer import Layer, require_rasterio, world_shapes
+from zpm2.formats.parquet import require_pyarrow
 from zpm2.formats.table import PARQUET, Table, layer_table
 
 VERSION = "1.1.0"  # of GeoParquet, https://geoparquet.org
 GEOMETRY = "geometry"
-
-
-def require_pyarrow() -> ModuleType:
-    """The package, or `MissingDependency`."""
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingDependency('Parquet needs pyarrow: pip install "zpm2[parquet]"') from error
-    return pyarrow
 
 
 def write_layer(path: Path, layer: Layer) -> Path:
@@ -46,7 +36,7 @@ def write_table(
     path: Path, table: Table, body: NDArray[np.object_] | None = None, metadata: dict[str, str] | None = None
 ) -> Path:
     """Writes columns, and `body` (bytes) as the column `geometry`, whole or not at all; returns the path."""
-    pyarrow = require_pyarrow()
+    pyarrow = require_pyarrow("GeoParquet")
     arrays = {}
     for name, values in table.columns.items():
         null = table.nulls.get(name)

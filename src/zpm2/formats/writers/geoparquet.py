@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from zpm2.formats.geoparquet import require_pyarrow, write_layer, write_table
+from zpm2.formats.geoparquet import write_layer, write_table
 from zpm2.formats.layer import layers_of
+from zpm2.formats.parquet import require_pyarrow
 from zpm2.formats.registry import OutputFormat, PairResult, register
 from zpm2.formats.table import match_table
 
@@ -17,4 +18,4 @@ def write(result: PairResult, folder: Path) -> None:
     write_table(folder / FILES[-1], match_table(result.matches))
 
 
-register(OutputFormat("geoparquet", FILES, write, require_pyarrow))
+register(OutputFormat("geoparquet", FILES, write, lambda: require_pyarrow("GeoParquet")))
