@@ -56,9 +56,15 @@ class DetailConfig:
         "off", "auto: where little of that part is matched; high: wherever smaller regions are likely", source=CLOSER
     )
     min_coverage: float = share(
-        0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
+        0.85, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
-    auto_windows: int = number(2, "at most, level auto", high=1000, source=CLOSER)
+    coverage_step: float = share(
+        0.1,
+        "of that part, which is missing of `min_coverage`, for each window of level auto",
+        above=True,
+        source=CLOSER,
+    )
+    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
     )

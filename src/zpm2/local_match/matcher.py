@@ -79,7 +79,8 @@ def _second_round(scorer: CandidateScorer, matched: Candidates) -> CandidateScor
     """The scores of new pairs among the polygons that the first round left unmatched.
 
     Each left polygon moves from its prior location as the nearest matched polygons do. Its candidates are the right
-    polygons there and those with which it shares homologous points.
+    polygons there and those with which it shares homologous points. What the matched polygons hide of a pair does not
+    count against it.
     """
     left, right, shared = scorer.left, scorer.right, scorer.shared_points.pairs
     free_left, free_right = np.ones(len(left), bool), np.ones(len(right), bool)
@@ -101,7 +102,7 @@ def _second_round(scorer: CandidateScorer, matched: Candidates) -> CandidateScor
         hit, row = shapely.STRtree(right.shapes).query(windows, predicate="intersects")
         i, j = np.append(i, rows[hit]), np.append(j, row)
     free = free_left[i] & free_right[j]
-    return scorer.score(Candidates.of(i[free], j[free]), locations)
+    return scorer.score(Candidates.of(i[free], j[free]), locations, matched)
 
 
 def _as_matches(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from zpm2.config import LocalConfig
 from zpm2.global_match import Candidates, PyramidLocations
 from zpm2.local_match import assignment, shape, texture
+from zpm2.local_match.occlusion import unhidden
 from zpm2.local_match.problem import MatchProblem
 from zpm2.local_match.shared_points import shared_points
 from zpm2.polygons import local_homography
@@ -20,6 +21,9 @@ from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.visible import co_visible
 
 Array = NDArray[np.float64]
+
+
+NO_MATCHES = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +62,12 @@ class CandidateScorer:
             texture.TexturePatches(problem.images[1], self.right.shapes, identity, *sampling),
         )
 
-    def score(self, pairs: Candidates, locations: PyramidLocations) -> CandidateScores:
+    def score(
+        self, pairs: Candidates, locations: PyramidLocations, matched: Candidates = NO_MATCHES
+    ) -> CandidateScores:
         """The scores of those pairs that pass the geometric constraint, with left polygons at `locations`.
+
+        Where `config.visible` says so, what polygons that are `matched` hide of a pair is left out of the comparison.
 
         The constraint (the indicator I(G_i = G_j) of 3.1): a left polygon that hardly overlaps its candidate after
         rectification is not where the candidate is, however alike they look.
@@ -71,7 +79,7 @@ class CandidateScorer:
             least = np.maximum(least, prior.least_overlap(pairs, agreement, dsf))
             rows = np.flatnonzero(np.isfinite(least))
             pairs, dsf, agreement, least = pairs[rows], dsf[rows], agreement[rows], least[rows]
-        found = self._compared_once(pairs, locations, dsf, least)
+        found = self._compared_once(pairs, locations, dsf, least, matched)
         rows = np.flatnonzero(found.overlap >= least)
         pairs, dsf, agreement, found = pairs[rows], dsf[rows], agreement[rows], found[rows]
         psi = found.overlap if config.shape == "overlap" else found.area * self._graph(found.rectified, pairs)[0]
@@ -86,14 +94,21 @@ class CandidateScorer:
         return self._graph(scores.rectified[rows], scores.pairs[rows])[1]
 
     def _compared_once(
-        self, pairs: Candidates, locations: PyramidLocations, dsf: NDArray[np.int64], least: Array
+        self,
+        pairs: Candidates,
+        locations: PyramidLocations,
+        dsf: NDArray[np.int64],
+        least: Array,
+        matched: Candidates,
     ) -> "_Overlaps":
         """How the pairs overlap; those of earlier problems of the same images are known."""
         lefts, rights = (
             [side.polygons[k] for k in of] for side, of in ((self.left, pairs.left), (self.right, pairs.right))
         )
+        fronts = [self.left.polygons[k] for k in matched.left] + [self.right.polygons[k] for k in matched.right]
+        others, kept = np.array([identity(front) for front in fronts]).tobytes(), [vertices(front) for front in fronts]
         keys = [
-            (*identity(left), *identity(right), place.tobytes(), limit)
+            (*identity(left), *identity(right), place.tobytes(), limit, others)
             for left, right, place, limit in zip(
                 lefts, rights, locations.maps(self.left.centers, pairs.left), least.tolist(), strict=True
             )
@@ -101,23 +116,35 @@ class CandidateScorer:
         found = each_once(
             self.problem.known,
             keys,
-            lambda row: (vertices(lefts[row]), vertices(rights[row])),
-            lambda rows: self._compared(pairs[rows], locations, dsf[rows], least[rows]).rows(),
+            lambda row: (vertices(lefts[row]), vertices(rights[row]), kept),
+            lambda rows: self._compared(pairs[rows], locations, dsf[rows], least[rows], matched).rows(),
         )
         return _Overlaps.of(found)
 
     def _compared(
-        self, pairs: Candidates, locations: PyramidLocations, dsf: NDArray[np.int64], least: Array
+        self,
+        pairs: Candidates,
+        locations: PyramidLocations,
+        dsf: NDArray[np.int64],
+        least: Array,
+        matched: Candidates,
     ) -> "_Overlaps":
         maps = self._maps(pairs, self.shared_points.at(pairs), dsf, locations)
-        found = self._overlaps(pairs, transform_polygons(self.left, pairs.left, maps), maps, dsf, least)
+        rectified = transform_polygons(self.left, pairs.left, maps)
+        found = self._overlaps(pairs, rectified, maps, dsf, least, matched)
         if self.guided_prior is None:
             return found
         warped, of = self.guided_prior.warped, pairs.left  # a second hypothesis; the one with more overlap counts
-        return found.or_better(self._overlaps(pairs, warped.shapes[of], warped.maps[of], dsf, least))
+        return found.or_better(self._overlaps(pairs, warped.shapes[of], warped.maps[of], dsf, least, matched))
 
     def _overlaps(
-        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, dsf: NDArray[np.int64], least: Array
+        self,
+        pairs: Candidates,
+        rectified: NDArray[np.object_],
+        maps: Array,
+        dsf: NDArray[np.int64],
+        least: Array,
+        matched: Candidates,
     ) -> "_Overlaps":
         """Left polygons, `rectified` by `maps`, compared with the right ones: over all of both, or, with enough shared
         points, over what both photographs can show (`config.visible`). Pairs that cannot overlap by `least` (c,) have
@@ -127,15 +154,21 @@ class CandidateScorer:
         own, other, visible = rectified.copy(), right.copy(), np.ones(len(pairs))
         if limits.on:
             known = np.flatnonzero(dsf >= limits.min_points)
-            first, second = ((image.width, image.height) for image in self.problem.images)
-            left, sizes = self.left.shapes[pairs.left[known]], (first, second)
-            own[known], other[known] = co_visible(
-                rectified[known], right[known], maps[known], left, sizes, limits.border
-            )
+            own[known], other[known] = self._shown(pairs[known], rectified[known], maps[known], matched)
             shares = [shapely.area(part) / np.maximum(a, 1e-300) for part, a in zip((own, other), areas, strict=True)]
             visible[known] = np.minimum(*shares)[known].clip(0, 1)
         overlap = np.where(visible >= limits.min_share, iou(own, other, least), 0.0)
         return _Overlaps(rectified, overlap, shape.area_ratio(shapely.area(own), shapely.area(other)), visible)
+
+    def _shown(
+        self, pairs: Candidates, rectified: NDArray[np.object_], maps: Array, matched: Candidates
+    ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+        """The parts of the `rectified` left and of the right polygons that both photographs can show: no border cuts
+        them off, and no polygon that is `matched` hides them."""
+        left, right, config = self.left.shapes[pairs.left], self.right.shapes[pairs.right], self.config
+        first, second = ((image.width, image.height) for image in self.problem.images)
+        own, other = co_visible(rectified, right, maps, left, (first, second), config.visible.border)
+        return unhidden(own, other, pairs, maps, self.problem.polygons, matched, config.unmatched.max_shared)
 
     def _maps(
         self, pairs: Candidates, at: NDArray[np.int64], dsf: NDArray[np.int64], locations: PyramidLocations

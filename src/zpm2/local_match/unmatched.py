@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zpm2.config import LocalConfig
 from zpm2.model import ImagePolygons, Polygon, PolygonArrays, PolygonMatch
-from zpm2.polygons.overlap import iou, shared_box
+from zpm2.polygons.overlap import beside, iou
 from zpm2.polygons.warp import WarpedPolygons
 
 Reason = Literal["outside overlap", "occluded", "no candidate", "rejected"]
@@ -76,7 +76,8 @@ def unmatched_reasons(
     matched = np.flatnonzero(partner >= 0)
     back[partner[matched]] = matched
     limits = config.unmatched
-    elsewhere = _from_elsewhere(polygons, unmatched[i], back[j], limits.max_shared)
+    elsewhere = back[j] >= 0
+    elsewhere[elsewhere] = beside(polygons, unmatched[i[elsewhere]], back[j[elsewhere]], limits.max_shared)
     hidden = _covered_share(shapes, others, i[elsewhere], j[elsewhere]) > limits.min_hidden
     found: dict[int, Reason] = {}
     for k, row in enumerate(unmatched):
@@ -110,21 +111,6 @@ def visible_share(
     column, row = np.clip(at / size * valid.shape[::-1], 0, np.array(valid.shape[::-1]) - 1).astype(np.intp).T
     count = np.bincount(of, minlength=len(shapes))
     return np.asarray(share * np.bincount(of, valid[row, column], len(shapes)) / np.maximum(count, 1))
-
-
-def _from_elsewhere(
-    polygons: PolygonArrays, rows: NDArray[np.int64], partners: NDArray[np.int64], max_shared: float
-) -> NDArray[np.bool_]:
-    """(c,) whether polygon `partners[k]` (-1: there is none) lies beside polygon `rows[k]` of the same photograph."""
-    found = partners >= 0
-    own, theirs = rows[found], partners[found]
-    most = max_shared * np.minimum(polygons.areas[own], polygons.areas[theirs])
-    beside = shared_box(polygons.bounds[own], polygons.bounds[theirs]) <= most
-    near = np.flatnonzero(~beside)
-    common = shapely.intersection(polygons.shapes[own[near]], polygons.shapes[theirs[near]])
-    beside[near] = shapely.area(common) <= most[near]
-    found[found] = beside
-    return np.asarray(found)
 
 
 def _covered_share(

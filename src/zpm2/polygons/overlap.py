@@ -4,6 +4,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.model import PolygonArrays
+
 Array = NDArray[np.float64]
 ROUNDING = 1e-6  # share of an overlap by which areas may be rounded
 
@@ -25,6 +27,20 @@ def may_reach(areas: tuple[Array, Array], bounds: tuple[Array, Array], least: fl
     """(c,) whether polygons of `areas` (c,) and `bounds` (c, 4) may have an IoU of `least`, one number or (c,)."""
     common = np.minimum(shared_box(*bounds), np.minimum(*areas))
     return np.asarray((common > 0) & (common >= (1 - ROUNDING) * least * (areas[0] + areas[1] - common)))
+
+
+def beside(
+    polygons: PolygonArrays, rows: NDArray[np.int64], others: NDArray[np.int64], max_shared: float
+) -> NDArray[np.bool_]:
+    """(c,) whether polygon `rows[k]` and polygon `others[k]` of one photograph lie beside each other.
+
+    They share at most `max_shared` of the smaller one's area."""
+    most = max_shared * np.minimum(polygons.areas[rows], polygons.areas[others])
+    found = shared_box(polygons.bounds[rows], polygons.bounds[others]) <= most
+    near = np.flatnonzero(~found)
+    common = shapely.intersection(polygons.shapes[rows[near]], polygons.shapes[others[near]])
+    found[near] = shapely.area(common) <= most[near]
+    return np.asarray(found)
 
 
 def shared_box(first: Array, second: Array) -> Array:
