@@ -213,23 +213,25 @@ def test_a_polygon_cut_by_the_border_matches_by_its_visible_part_and_says_so():
 
 
 def test_a_polygon_behind_another_one_matches_by_its_visible_part_and_says_so():
-    """A wall moves by 10 px, and a pole in front by 80: in the right image it hides half of the wall's panel."""
+    """A wall moves by 10 px, and a pole in front by 50: in the right image it hides half of the wall's panel."""
     given = scene(NEAR, 0)
     rng = np.random.default_rng(1)
-    panel, pole = rng.uniform([62, 42], [98, 118], (60, 2)), rng.uniform([172, 42], [208, 118], (60, 2))
-    points = PointMatches(np.r_[panel, pole], np.r_[panel - [10.0, 0], pole - [80.0, 0]], np.ones(120))
+    panel, pole = rng.uniform([62, 42], [98, 118], (60, 2)), rng.uniform([142, 42], [178, 118], (60, 2))
+    points = PointMatches(np.r_[panel, pole], np.r_[panel - [10.0, 0], pole - [50.0, 0]], np.ones(120))
     polygons = (
-        arrays([square(60, 40, 140, 120), square(170, 40, 210, 120)]),
+        arrays([square(60, 40, 140, 120), square(140, 40, 180, 120)]),
         arrays([square(50, 40, 90, 120), square(90, 40, 130, 120)]),
     )
     every = np.ones(120, bool)
     initial = InitialGeometry(points, Failed("not looked for"), Failed("not looked for"), every, every)
-    given = dataclasses.replace(given, polygons=polygons)
+    each = np.arange(2)
+    locations = locate(*given.images, polygons[0].centers, initial, PAPER.global_match)
+    problem = MatchProblem(given.images, polygons, initial, locations, Candidates(each, each))
     whole = with_local(PRESETS["default"], visible=VisibleConfig(on=False), min_overlap=0.6)
     part = with_local(PRESETS["default"], min_overlap=0.6)
-    assert pairs(run(given, whole, initial)) == {1: 1}
-    behind, front = run(given, part, initial)
-    assert (behind.left, behind.right, front.left, front.right) == (0, 0, 1, 1)
+    assert pairs(match_polygons(dataclasses.replace(problem, known={}), whole.local_match)) == {101: 101}
+    behind, front = match_polygons(problem, part.local_match)
+    assert (behind.left, behind.right, front.left, front.right) == (100, 100, 101, 101)
     assert behind.overlap > 0.95
     assert behind.visible == pytest.approx(0.5, abs=0.05)
     assert front.visible == 1
