@@ -60,11 +60,11 @@ class DetailConfig:
     )
     coverage_step: float = share(
         0.1,
-        "of that part, which is missing of `min_coverage`, for each window of level auto",
+        "of that part, missing to `min_coverage`, for each window of level auto",
         above=True,
         source=CLOSER,
     )
-    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
+    auto_windows: int = number(2, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
     )
