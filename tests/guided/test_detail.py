@@ -7,7 +7,6 @@ import shapely
 from painted import PaintedView, Region
 
 from zpm2 import config, geometry
-from zpm2.config import DetailConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import detail, redetection
@@ -148,13 +147,6 @@ def test_a_plain_image_needs_no_closer_look():
     before, after = scene.closer()
     assert after is before
     assert scene.asked == []
-
-
-@pytest.mark.parametrize(
-    ("covered", "windows"), [(1.0, 0), (0.85, 0), (0.849, 1), (0.751, 1), (0.749, 2), (0.651, 2), (0.0, 2)]
-)
-def test_a_window_for_each_tenth_of_coverage_that_is_missing(covered, windows):
-    assert detail._needed(covered, DetailConfig()) == windows
 
 
 @pytest.mark.parametrize("most", [0, 1, 3])

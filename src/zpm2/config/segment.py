@@ -56,13 +56,7 @@ class DetailConfig:
         "off", "auto: where little of that part is matched; high: wherever smaller regions are likely", source=CLOSER
     )
     min_coverage: float = share(
-        0.85, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
-    )
-    coverage_step: float = share(
-        0.1,
-        "of that part, missing to `min_coverage`, for each window of level auto",
-        above=True,
-        source=CLOSER,
+        0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
     auto_windows: int = number(2, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(

@@ -7,7 +7,6 @@ generator (Kirillov et al. 2023, Appendix B). Only one window is encoded at a ti
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.config import Config, DetailConfig, SegmentConfig
+from zpm2.config import Config, SegmentConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.guided import windows
@@ -58,9 +57,9 @@ def look_closer(
     """
     detail, done = config.segment.detail, 0
     high = detail.level == "high"
+    most = detail.high_windows if high else detail.auto_windows
     part = windows.shared_part(images, initial, config)
-    most = detail.high_windows if high else _needed(part.covered(_matched(pair, matches)), detail)
-    if not most:
+    if not high and part.covered(_matched(pair, matches)) >= detail.min_coverage:
         return pair
     for halving in windows.candidates(part, config):
         rest = list(halving)
@@ -77,12 +76,6 @@ def look_closer(
             if len(matches) - before < detail.min_new:
                 break
     return pair
-
-
-def _needed(covered: float, detail: DetailConfig) -> int:
-    """How many windows level auto looks at, at most: one for each step by which less is `covered` than should be."""
-    missing = max(detail.min_coverage - covered, 0.0)
-    return min(math.ceil(missing / detail.coverage_step), detail.auto_windows)
 
 
 @dataclass(frozen=True, eq=False)
