@@ -57,7 +57,8 @@ def match(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="Also write this format: coco, geojson, geoparquet, gpkg or shapefile. Repeatable.",
+            help="Also write this format: coco, geojson, geoparquet, gpkg, shapefile, cvat, labelme or "
+            "yolo. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),
