@@ -4,7 +4,7 @@ import { make, shown, the } from "#report/dom.js";
 import { CONFIDENCE, confidenceColor } from "#report/items.js";
 import { moved, nearer, seenFrom, spun } from "#report/orbit.js";
 import { Scene, placesOf } from "#report/scene.js";
-import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState } from "#report/shell.js";
+import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState, stepped } from "#report/shell.js";
 import { CLOUD, fromFragment, toFragment } from "#report/state.js";
 import { Table } from "#report/table.js";
 
@@ -210,10 +210,8 @@ class CloudPage {
   }
 
   step(rows) {
-    if (!this.listed.length) return;
-    const at = this.listed.findIndex((item) => item.key === this.state.select);
-    const next = at < 0 ? (rows > 0 ? 0 : this.listed.length - 1) : Math.max(0, Math.min(this.listed.length - 1, at + rows));
-    this.set({ select: this.listed[next].key });
+    const next = stepped(this.listed, this.state.select, rows);
+    if (next) this.set({ select: next.key });
   }
 
   hover(item) {

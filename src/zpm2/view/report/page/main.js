@@ -10,7 +10,7 @@ import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
-import { keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
+import { keepAddress, otherTheme, showAlert, showState, showTab, stepped } from "#report/shell.js";
 import { Stage } from "#report/stage.js";
 import { fromFragment, toFragment } from "#report/state.js";
 import { PAIR_COLUMNS, Table } from "#report/table.js";
@@ -54,10 +54,7 @@ class Report extends Stage {
     const count = this.data.matches.length;
     const [left, right] = this.data.sides.map((side) => shown(side.polygons.length));
     the("counts").textContent = `${shown(count)} ${count === 1 ? "match" : "matches"} of ${left} left and ${right} right polygons`;
-    const warnings = this.data.run.warnings?.length ?? 0;
-    the("alert").hidden = !warnings;
-    the("alert").textContent = `⚠ ${warnings} ${warnings === 1 ? "warning" : "warnings"}`;
-    the("alert").addEventListener("click", () => this.set({ tab: "run" }));
+    showAlert(this.data.run, () => this.set({ tab: "run" }));
     showRun(the("run"), this.data);
     listChoices(this);
     connectControls(this);
@@ -170,11 +167,10 @@ class Report extends Stage {
 
   /** Moves the choice by rows of the table. */
   step(rows) {
-    if (!this.listed.length) return;
-    const at = this.listed.findIndex((item) => item.key === this.state.select);
-    const next = at < 0 ? (rows > 0 ? 0 : this.listed.length - 1) : Math.max(0, Math.min(this.listed.length - 1, at + rows));
-    this.choose(this.listed[next]);
-    this.table.reveal(this.listed[next].key);
+    const next = stepped(this.listed, this.state.select, rows);
+    if (!next) return;
+    this.choose(next);
+    this.table.reveal(next.key);
   }
 
   judge(item, verdict) {
