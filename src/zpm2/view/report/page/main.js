@@ -13,7 +13,7 @@ import { showRun } from "#report/run.js";
 import { keepAddress, otherTheme, showAlert, showState, showTab, stepped } from "#report/shell.js";
 import { Stage } from "#report/stage.js";
 import { fromFragment, toFragment } from "#report/state.js";
-import { PAIR_COLUMNS, Table } from "#report/table.js";
+import { PAIR_COLUMNS, Table, filled } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
@@ -40,9 +40,7 @@ class Report extends Stage {
     this.cursor = null; // {side, point} of the photograph
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.on = { verdict: (item, verdict) => this.judge(item, verdict), select: (key) => this.set({ select: key }) };
-    const labels = this.polygons.flat().some((polygon) => polygon.label);
-    the("table").classList.toggle("labelled", labels);
-    this.table = new Table(the("table-head"), the("table-body"), PAIR_COLUMNS.filter(([name]) => name !== "label" || labels), {
+    this.table = new Table(the("table-head"), the("table-body"), filled(PAIR_COLUMNS, this.items), {
       sort: (column) => this.set({ sort: column, down: this.state.sort === column && !this.state.down }),
       select: (item) => this.choose(item),
       hover: (item) => this.hover(item),
