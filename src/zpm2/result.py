@@ -173,8 +173,9 @@ class MatchResult:
 
         Where a photograph is placed on the ground, matches.gpkg comes with them if pyogrio is installed; of large
         photographs a contact sheet, contact.png. `formats` asks for more: "gpkg", "shapefile" (left.shp, right.shp),
-        "geoparquet" (left.parquet, right.parquet, matches.parquet), "coco" (left.coco.json, right.coco.json), and any
-        other of `formats.registry`; `report` asks for report.html; without `pictures` there are none, which saves most
+        "geoparquet" (left.parquet, right.parquet, matches.parquet), "coco" (left.coco.json, right.coco.json),
+        "labelme", "cvat", "yolo" (left.labelme.json, left.cvat.xml, left.yolo.txt, ...), and any other of
+        `formats.registry`; `report` asks for report.html; without `pictures` there are none, which saves most
         of the room that a result takes. Each file appears whole or not at all, and matches.json comes last: where it
         is, the others are. Files of an earlier result are replaced, others never. `OutputError` if the folder cannot be
         written or holds other files of these names, `ConfigError` for an unknown format, `MissingDependency` for one

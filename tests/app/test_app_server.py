@@ -213,14 +213,15 @@ def test_from_a_click_to_the_files(server: Server, session: Session, tmp_path: P
     assert carried["status"] == "found"
     region = {"accepted": True, "left": drawn["parts"], "right": carried["parts"], "label": MARKUP, "agreement": 0.5}
     region |= {"visible": None, "points": carried["points"], "match": None}
-    packed = told(app, "/api/export", number=session.number, regions=[region], formats=["coco"])
+    packed = told(app, "/api/export", number=session.number, regions=[region], formats=["coco", "labelme"])
     assert packed.headers["content-type"] == "application/zip"
     with zipfile.ZipFile(io.BytesIO(packed.body)) as file:
         assert file.namelist() == sorted(file.namelist())
         assert {each.date_time for each in file.infolist()} == {(1980, 1, 1, 0, 0, 0)}  # the same bytes each time
         file.extractall(tmp_path)
     names = {path.name for path in (tmp_path / "zpm2-app").iterdir()}
-    assert names >= {"matches.json", "left.geojson", "right.coco.json", "overlay.png", "report.html"}
+    assert names >= {"matches.json", "left.geojson", "overlay.png", "report.html"}
+    assert names >= {"right.coco.json", "right.labelme.json"}
     result = MatchResult.load(tmp_path / "zpm2-app")
     (match,) = result.matches
     assert (match.confidence, result.left.polygons[0].label) == (1.0, MARKUP)

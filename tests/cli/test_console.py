@@ -70,6 +70,20 @@ def test_lines_come_now_and_then_and_stop_at_the_end(monkeypatch: pytest.MonkeyP
     assert heard.getvalue().splitlines() == said
 
 
+def test_a_stage_that_ends_gives_way_to_the_one_around_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ZPM2_PROGRESS", "0.02")
+    with lines() as progress:
+        for stage, share in (("tiles", 0.25), ("load", 0.0), ("load", 1.0)):
+            progress(stage, share)
+        heard = ""
+        while not heard:
+            time.sleep(0.01)
+            heard = capsys.readouterr().err
+    assert heard.startswith("tiles: 25%, ")
+
+
 def test_programs_that_show_the_progress_say_how_often(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

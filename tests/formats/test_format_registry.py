@@ -43,7 +43,7 @@ def toy() -> Iterator[OutputFormat]:
 
 
 def test_the_formats_of_the_package() -> None:
-    assert registry.names() == ["coco", "geojson", "geoparquet", "gpkg", "shapefile"]
+    assert registry.names() == ["coco", "geojson", "geoparquet", "gpkg", "cvat", "labelme", "yolo", "shapefile"]
     assert {"left.geojson", "matches.gpkg", "overlay.png", "contact.png", "matches.json"} <= set(file_names())
     assert "left.shp" not in file_names()
     assert {"left.shp", "right.dbf", "left.coco.json"} <= set(file_names(["shapefile", "coco"]))
@@ -64,7 +64,8 @@ def test_the_command_takes_it(toy: OutputFormat, run: Any, tmp_path: Path) -> No
     code, _, err = run("match", "no.png", "no.png", "-o", tmp_path / "out", "--format", "csv", "--format", "kml")
     assert (code, err) == (
         2,
-        "zpm2: unknown format 'kml'; formats are: coco, geojson, geoparquet, gpkg, shapefile, csv\n",
+        "zpm2: unknown format 'kml'; formats are: coco, geojson, geoparquet, gpkg, cvat, labelme, yolo, shapefile, "
+        "csv\n",
     )
 
 

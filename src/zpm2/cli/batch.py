@@ -109,7 +109,8 @@ def batch(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="match: also write this format: coco, geojson, gpkg or shapefile. Repeatable.",
+            help="match: also write this format: coco, geojson, geoparquet, gpkg, shapefile, cvat, labelme or "
+            "yolo. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),

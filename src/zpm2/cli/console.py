@@ -47,14 +47,20 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
 def lines() -> Iterator[Callable[[str, float], None]]:
     """How far a long run is: a line on stderr every `EVERY` seconds, or as often as `VARIABLE` says. Gives a function
     of a stage and its share. `ConfigError`."""
-    start, now, over, every = monotonic(), ["start", 0.0], threading.Event(), _seconds()
+    start, last, over, every = monotonic(), ("start", 0.0), threading.Event(), _seconds()
+    unfinished: dict[str, float] = {}  # one stage may lie in another, as those of a tile do; the newest is told
 
     def tell() -> None:
         while not over.wait(every):
-            print(f"{now[0]}: {now[1]:.0%}, {monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+            stage, share = next(reversed(list(unfinished.items())), last)
+            print(f"{stage}: {share:.0%}, {monotonic() - start:.0f} s", file=sys.stderr, flush=True)
 
     def progress(stage: str, share: float) -> None:
-        now[:] = [stage, share]
+        nonlocal last
+        last = stage, share
+        unfinished.pop(stage, None)
+        if share < 1:
+            unfinished[stage] = share
 
     voice = threading.Thread(target=tell, daemon=True)
     voice.start()

@@ -57,7 +57,8 @@ def match(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="Also write this format: coco, geojson, geoparquet, gpkg or shapefile. Repeatable.",
+            help="Also write this format: coco, geojson, geoparquet, gpkg, shapefile, cvat, labelme or "
+            "yolo. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
         ),
@@ -267,8 +268,7 @@ def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
     for stage, seconds in result.timings.items():
         table.add_row(stage, f"{seconds:.2f}", found.get(stage, ""))
     table.add_row("total", f"{sum(result.timings.values()):.2f}", f"in {out}")
-    console = Console()
-    console.print(table)
+    Console().print(table)
     for side, counts in summary["unmatched"].items():
         if counts:
-            console.print(f"{side} without a partner: {', '.join(f'{n} {why}' for why, n in counts.items())}")
+            print(f"{side} without a partner: {', '.join(f'{n} {why}' for why, n in counts.items())}")

@@ -150,8 +150,9 @@ class RegionFinder:
         return PairRegions(images, (left, right), messages, pair, guided_prior)
 
     def download(self, done: int, total: int) -> None:
-        """Reports to `progress` how many bytes of the weights have been downloaded."""
-        self.progress("load", done / max(total, 1))
+        """Reports to `progress` how many bytes of the weights have been downloaded: half of the stage, as they are then
+        loaded, and converted once."""
+        self.progress("load", done / max(total, 1) / 2)
 
     def _share(self, share: float) -> None:
         self.progress("detect", share)

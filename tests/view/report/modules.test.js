@@ -225,3 +225,11 @@ test("verdicts are kept for one result", async () => {
   other.sides[0].polygons[0].area = 17;
   assert.notEqual(nameOf(DATA), nameOf(other));
 });
+
+test("keys step through the rows, and stop at both ends", async () => {
+  const { stepped } = await load("shell");
+  const rows = ["a", "b", "c"].map((key) => ({ key }));
+  const from = (key, by) => stepped(rows, key, by).key;
+  assert.deepEqual([from("", 1), from("", -1), from("a", 1), from("c", 1), from("a", -1), from("a", 9)], ["a", "c", "b", "c", "a", "c"]);
+  assert.equal(stepped([], "a", 1), null);
+});

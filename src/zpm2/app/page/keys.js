@@ -1,6 +1,7 @@
 // The keyboard.
 
 import { the } from "#report/dom.js";
+import { connectKeys } from "#report/shell.js";
 import { TOOLS } from "#app/tools.js";
 
 export function onKeys(app) {
@@ -22,29 +23,15 @@ export function onKeys(app) {
     "+": () => app.zoom(app.panels[0], middle(app.panels[0]), 1.25),
     "-": () => app.zoom(app.panels[0], middle(app.panels[0]), 0.8),
     0: () => app.fit(),
-    "?": () => the("help").showModal(),
+    d: () => app.turnTheme(),
   };
-  actions["="] = actions["+"];
   TOOLS.forEach((tool, k) => (actions[String(k + 1)] = () => app.use(tool)));
+  connectKeys(actions);
   addEventListener("keydown", (event) => {
-    if (the("help").open) return;
-    const { target } = event;
-    if (target.matches("input[type=search]")) {
-      if (event.key === "Escape" || event.key === "Enter") target.blur();
-      return;
-    }
-    if ((event.ctrlKey || event.metaKey) && !event.altKey && event.key.toLowerCase() === "z") {
-      event.preventDefault();
-      if (event.shiftKey) app.redo();
-      else app.undo();
-      return;
-    }
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (target.matches("button, summary, input, label") && [" ", "Enter"].includes(event.key)) return;
-    if (target.matches("input[type=radio], input[type=range]") && event.key.startsWith("Arrow")) return;
-    const action = Object.hasOwn(actions, event.key) ? actions[event.key] : null;
-    if (!action) return;
+    const typing = event.target.matches("input[type=search]");
+    if (typing || the("help").open || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z") return;
     event.preventDefault();
-    action();
+    if (event.shiftKey) app.redo();
+    else app.undo();
   });
 }

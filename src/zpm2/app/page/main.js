@@ -3,6 +3,7 @@
 import { make, shown, the } from "#report/dom.js";
 import { offer } from "#report/downloads.js";
 import { pointers } from "#report/pointers.js";
+import { otherTheme, stepped } from "#report/shell.js";
 import { Stage } from "#report/stage.js";
 import { showList, showRegion } from "#app/aside.js";
 import { Canvas } from "#app/canvas.js";
@@ -54,7 +55,7 @@ class App extends Stage {
       });
     }
     for (const input of document.querySelectorAll('[name="tool"]')) input.addEventListener("change", () => this.use(input.value));
-    const clicked = { undo: () => this.undo(), redo: () => this.redo(), new: () => this.select(""), fit: () => this.fit(), theme: () => turnTheme(), export: () => this.export() };
+    const clicked = { undo: () => this.undo(), redo: () => this.redo(), new: () => this.select(""), fit: () => this.fit(), theme: () => this.turnTheme(), export: () => this.export() };
     for (const [id, action] of Object.entries(clicked)) the(id).addEventListener("click", action);
     the("help-button").addEventListener("click", () => the("help").showModal());
     the("link").addEventListener("change", ({ target }) => (this.state.link = target.checked));
@@ -190,9 +191,8 @@ class App extends Stage {
   }
 
   step(by) {
-    const at = this.regions.findIndex((region) => region.key === this.history.now.selected);
-    const next = at < 0 ? (by > 0 ? 0 : this.regions.length - 1) : Math.max(0, Math.min(this.regions.length - 1, at + by));
-    if (this.regions[next]) this.select(this.regions[next].key);
+    const next = stepped(this.regions, this.history.now.selected, by);
+    if (next) this.select(next.key);
   }
 
   undo() {
@@ -201,6 +201,11 @@ class App extends Stage {
 
   redo() {
     if (this.history.redo()) this.show();
+  }
+
+  turnTheme() {
+    const { dataset } = document.documentElement;
+    dataset.theme = otherTheme(dataset);
   }
 
   use(tool) {
@@ -337,12 +342,6 @@ class App extends Stage {
 function say(text) {
   the("message").textContent = text;
   the("message").hidden = !text;
-}
-
-function turnTheme() {
-  const { dataset } = document.documentElement;
-  const dark = dataset.theme ? dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  dataset.theme = dark ? "light" : "dark";
 }
 
 async function begin() {

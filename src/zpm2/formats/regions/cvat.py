@@ -3,7 +3,9 @@
 Coordinates are ours: x, y in px from the outer corner of the top-left pixel.
 """
 
+import json
 import math
+import re
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -45,8 +47,10 @@ PLACE = {  # attributes of an element that hold its place
     *("points", "xtl", "ytl", "xbr", "ybr", "rotation", "cx", "cy", "rx", "ry"),
     *("rle", "left", "top", "width", "height"),
 }
+MEMBERS = {"source": "file", "occluded": "0", "z_order": "0"}  # of every shape, as CVAT writes them
 ELLIPSE_VERTICES = 64  # of an ellipse: its area is 0.2 % too small
 BYTES_PER_BYTE = 12  # of memory, for each of the file, once parsed
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 MAX_DEPTH = 32  # of elements in elements; CVAT's own files have 8
 
 
@@ -136,6 +140,24 @@ def open_cvat(path: Path) -> Cvat:
     return Cvat(path, root)
 
 
+def begin(regions: Sequence[GivenRegion], labels: Sequence[str]) -> Cvat:
+    """A document of its own (`region.Begin`)."""
+    root = Element("annotations")
+    ElementTree.SubElement(root, "version").text = "1.1"
+    task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")
+    known = ElementTree.SubElement(task, "labels")
+    for label in labels:
+        ElementTree.SubElement(ElementTree.SubElement(known, "label"), "name").text = _text(label)
+    image = ElementTree.SubElement(root, "image", id="0")
+    for region in regions:
+        own = {key: _text(region.properties.get(key, value)) for key, value in MEMBERS.items()}
+        shape = ElementTree.SubElement(image, "polygon", {"label": _text(region.label), **own})
+        for name, value in region.properties.items():
+            if name not in MEMBERS:
+                ElementTree.SubElement(shape, "attribute", name=_text(name)).text = _text(value)
+    return Cvat(Path(), root)
+
+
 def _depth(root: Element) -> int:
     """How many elements lie in each other; more than `MAX_DEPTH` are not counted."""
     level, depth = [root], 0
@@ -189,8 +211,10 @@ def _outline(region: GivenRegion, shape: Shape, photograph: Photograph) -> tuple
 
 
 def _text(value: object) -> str:
-    """A value as CVAT writes it."""
-    return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    """A value as CVAT writes it, without the characters that XML cannot hold."""
+    if isinstance(value, bool | list | dict):
+        value = json.dumps(value, ensure_ascii=False)
+    return "" if value is None else NO_XML.sub("?", str(value))
 
 
 def _whole(element: Element, key: str, name: str) -> int:

@@ -41,6 +41,7 @@ from zpm2.formats.regions.region import (
 from zpm2.model import Mask
 from zpm2.photos.pictures import DAMAGE
 
+VERSION = "5.5.0"  # of Labelme, whose format this is
 GEOMETRY = {"label", "points", "shape_type", "mask"}  # members of a shape that are no properties
 CIRCLE_VERTICES = 64  # of a circle: its area is 0.2 % too small
 
@@ -94,6 +95,17 @@ class Labelme:
         document = self.data | {"shapes": shapes, "imagePath": where, "imageData": content} | size
         atomic_write(path, json.dumps(plain(document), ensure_ascii=False, indent=2))
         return []
+
+
+def begin(regions: Sequence[GivenRegion], labels: Sequence[str]) -> Labelme:
+    """A document of its own (`region.Begin`), with the photograph in it, as Labelme writes them."""
+    shapes = [
+        {"label": region.label, "group_id": None, "description": "", "flags": {}}
+        | {key: value for key, value in region.properties.items() if key not in GEOMETRY}
+        for region in regions
+    ]
+    embedded = {"imageData": True}  # `write` puts the photograph there
+    return Labelme(Path(), {"version": VERSION, "flags": {}, "shapes": shapes, **embedded})
 
 
 def _content(photograph: Photograph) -> str | None:

@@ -1,6 +1,6 @@
 """A region as a file has it and as it is written again, and what every format of region files checks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 from typing import Protocol, TypeAlias
@@ -95,6 +95,11 @@ class RegionFile(Protocol):
     def names(self, stem: str) -> tuple[str, ...]:
         """The names of all files that `write` may make for a path with that stem; the first is the path's."""
         ...
+
+
+# Makes a file of regions with these labels and properties, in their order, that no file on disk holds: its `write`
+# gives a document of its own. The second argument has the labels of all documents that are made together.
+Begin: TypeAlias = Callable[[Sequence[GivenRegion], Sequence[str]], RegionFile]
 
 
 def check_size(name: str, size: tuple[int, int], photograph: Photograph) -> None:

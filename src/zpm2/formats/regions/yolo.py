@@ -99,6 +99,14 @@ def open_yolo(path: Path) -> Yolo | None:
     return Yolo(path, values, _class_names(path.parent))
 
 
+def begin(regions: Sequence[GivenRegion], labels: Sequence[str]) -> Yolo:
+    """A document of its own (`region.Begin`). A name of a class is one line."""
+    names = {label: " ".join(label.split()) for label in labels}
+    classes = sorted(set(names.values()))
+    numbers = {label: float(classes.index(name)) for label, name in names.items()}
+    return Yolo(Path(), [[numbers[region.label or ""]] for region in regions], classes)
+
+
 def _has_score(values: list[float]) -> bool:
     return len(values) % 2 == 1
 

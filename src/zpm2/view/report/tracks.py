@@ -109,7 +109,7 @@ def page(
         "tracks.js",
         data,
         title=f"{len(tracks)} tracks in {len(photographs)} photographs",
-        pictures=shown,
+        pictures=[{"name": str(row), "url": url} for row, url in enumerate(shown)],
         document=data_url("application/gzip", gzip.compress(text, 6, mtime=0)) if len(text) <= HELD else "",
         timings=json.dumps({stage: round(seconds, 4) for stage, seconds in timings.items()}),
     )

@@ -4,9 +4,9 @@ import { make, shown, the } from "#report/dom.js";
 import { CONFIDENCE, confidenceColor } from "#report/items.js";
 import { moved, nearer, seenFrom, spun } from "#report/orbit.js";
 import { Scene, placesOf } from "#report/scene.js";
-import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState } from "#report/shell.js";
+import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState, stepped } from "#report/shell.js";
 import { CLOUD, fromFragment, toFragment } from "#report/state.js";
-import { Table } from "#report/table.js";
+import { Table, filled } from "#report/table.js";
 
 const STILL = 4; // px that a click may move
 const TURN = 0.008; // radians per px
@@ -14,12 +14,12 @@ const STEP = 0.15; // radians per key
 const CLOSE = 2.2; // sizes of a polygon, the distance from which it is seen close up
 
 const COLUMNS = [
-  ["id", "Id", "number of the polygon", (item) => String(item.id)],
-  ["label", "Label", "label of the polygon", (item) => item.label ?? ""],
-  ["area", "Area", "in units of the surface, squared", (item) => short(item.area)],
-  ["confidence", "Conf.", "highest confidence of its matches", (item) => shown(item.confidence, 2)],
-  ["planarity", "Planarity", "1 on a plane, 0 where it extends equally in all directions", (item) => shown(item.planarity, 2)],
-  ["seen", "Views", "photographs that see it", (item) => shown(item.views.length)],
+  ["id", "Id", "number of the polygon", (item) => String(item.id), "64px"],
+  ["label", "Label", "label of the polygon", (item) => item.label ?? "", "minmax(70px, 1fr)"],
+  ["area", "Area", "in units of the surface, squared", (item) => short(item.area), "minmax(70px, 1fr)"],
+  ["confidence", "Conf.", "highest confidence of its matches", (item) => shown(item.confidence, 2), "54px"],
+  ["planarity", "Planarity", "1 on a plane, 0 where it extends equally in all directions", (item) => shown(item.planarity, 2), "72px"],
+  ["seen", "Views", "photographs that see it", (item) => shown(item.views.length), "50px"],
 ];
 
 /** A number of any size as a person reads it. */
@@ -37,14 +37,12 @@ class CloudPage {
     this.hovered = null;
     this.home = { yaw: 0, pitch: -0.2, distance: data.distance, target: [0, 0, 0] };
     this.eye = this.home;
-    const labels = this.items.some((item) => item.label);
-    this.table = new Table(the("table-head"), the("table-body"), COLUMNS.filter(([name]) => name !== "label" || labels), {
+    this.table = new Table(the("table-head"), the("table-body"), filled(COLUMNS, this.items), {
       sort: (column) => this.set({ sort: column, down: this.state.sort === column && !this.state.down }),
       select: (item) => this.choose(item),
       hover: (item) => this.hover(item),
       color: (item) => this.colorOf(item),
     });
-    the("table").classList.toggle("labelled", labels);
   }
 
   start() {
@@ -210,10 +208,8 @@ class CloudPage {
   }
 
   step(rows) {
-    if (!this.listed.length) return;
-    const at = this.listed.findIndex((item) => item.key === this.state.select);
-    const next = at < 0 ? (rows > 0 ? 0 : this.listed.length - 1) : Math.max(0, Math.min(this.listed.length - 1, at + rows));
-    this.set({ select: this.listed[next].key });
+    const next = stepped(this.listed, this.state.select, rows);
+    if (next) this.set({ select: next.key });
   }
 
   hover(item) {

@@ -10,10 +10,10 @@ import { onKeys } from "#report/keys.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showRun } from "#report/run.js";
-import { keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
+import { keepAddress, otherTheme, showAlert, showState, showTab, stepped } from "#report/shell.js";
 import { Stage } from "#report/stage.js";
 import { fromFragment, toFragment } from "#report/state.js";
-import { PAIR_COLUMNS, Table } from "#report/table.js";
+import { PAIR_COLUMNS, Table, filled } from "#report/table.js";
 import { Tiles } from "#report/tiles.js";
 import { Verdicts } from "#report/verdicts.js";
 
@@ -40,9 +40,7 @@ class Report extends Stage {
     this.cursor = null; // {side, point} of the photograph
     this.playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.on = { verdict: (item, verdict) => this.judge(item, verdict), select: (key) => this.set({ select: key }) };
-    const labels = this.polygons.flat().some((polygon) => polygon.label);
-    the("table").classList.toggle("labelled", labels);
-    this.table = new Table(the("table-head"), the("table-body"), PAIR_COLUMNS.filter(([name]) => name !== "label" || labels), {
+    this.table = new Table(the("table-head"), the("table-body"), filled(PAIR_COLUMNS, this.items), {
       sort: (column) => this.set({ sort: column, down: this.state.sort === column && !this.state.down }),
       select: (item) => this.choose(item),
       hover: (item) => this.hover(item),
@@ -54,10 +52,7 @@ class Report extends Stage {
     const count = this.data.matches.length;
     const [left, right] = this.data.sides.map((side) => shown(side.polygons.length));
     the("counts").textContent = `${shown(count)} ${count === 1 ? "match" : "matches"} of ${left} left and ${right} right polygons`;
-    const warnings = this.data.run.warnings?.length ?? 0;
-    the("alert").hidden = !warnings;
-    the("alert").textContent = `⚠ ${warnings} ${warnings === 1 ? "warning" : "warnings"}`;
-    the("alert").addEventListener("click", () => this.set({ tab: "run" }));
+    showAlert(this.data.run, () => this.set({ tab: "run" }));
     showRun(the("run"), this.data);
     listChoices(this);
     connectControls(this);
@@ -170,11 +165,10 @@ class Report extends Stage {
 
   /** Moves the choice by rows of the table. */
   step(rows) {
-    if (!this.listed.length) return;
-    const at = this.listed.findIndex((item) => item.key === this.state.select);
-    const next = at < 0 ? (rows > 0 ? 0 : this.listed.length - 1) : Math.max(0, Math.min(this.listed.length - 1, at + rows));
-    this.choose(this.listed[next]);
-    this.table.reveal(this.listed[next].key);
+    const next = stepped(this.listed, this.state.select, rows);
+    if (!next) return;
+    this.choose(next);
+    this.table.reveal(next.key);
   }
 
   judge(item, verdict) {

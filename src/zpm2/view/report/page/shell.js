@@ -48,6 +48,21 @@ export function keepAddress(fragment) {
   history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
 }
 
+/** The item that lies so many rows from that with a key; the first or the last one where none has it, null of none. */
+export function stepped(items, key, rows) {
+  const at = items.findIndex((item) => item.key === key);
+  const next = at < 0 ? (rows > 0 ? 0 : items.length - 1) : Math.max(0, Math.min(items.length - 1, at + rows));
+  return items[next] ?? null;
+}
+
+/** A button that leads to the warnings of a run, where there are any. */
+export function showAlert(run, open) {
+  const warnings = run.warnings?.length ?? 0;
+  the("alert").hidden = !warnings;
+  the("alert").textContent = `⚠ ${warnings} ${warnings === 1 ? "warning" : "warnings"}`;
+  the("alert").addEventListener("click", open);
+}
+
 /** The theme that differs from the one now seen. */
 export function otherTheme(state) {
   const dark = state.theme ? state.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -60,12 +75,12 @@ export function connectKeys(actions) {
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || the("help").open) return;
     const { target } = event;
-    if (target.matches("input:not([type=checkbox], [type=radio]), select, textarea")) {
-      if (event.key === "Escape") target.blur();
+    if (target.matches("input:not([type=checkbox], [type=radio], [type=range]), select, textarea")) {
+      if (event.key === "Escape" || (event.key === "Enter" && target.type === "search")) target.blur();
       return;
     }
     if (target.matches("button, summary, input, label") && [" ", "Enter"].includes(event.key)) return;
-    if (target.matches("input[type=radio]") && event.key.startsWith("Arrow")) return;
+    if (target.matches("input[type=radio], input[type=range]") && event.key.startsWith("Arrow")) return;
     const action = Object.hasOwn(all, event.key) ? all[event.key] : null;
     if (!action) return;
     event.preventDefault();

@@ -5,23 +5,29 @@ import { make, shown } from "#report/dom.js";
 const ROW = 26; // px, as in report.css
 const SPARE = 8; // rows above and below those in sight
 
-/** The columns of a pair: name, title, meaning, and the text of an item. */
+/** The columns of a pair: name, title, meaning, the text of an item, and the width in CSS. */
 export const PAIR_COLUMNS = [
-  ["id", "Id", "the match's id, or that of a polygon without a partner", (item) => (item.kind === "match" ? String(item.id) : `${item.id} ${item.kind[0].toUpperCase()}`)],
-  ["label", "Label", "the left polygon's label", (item) => item.label],
-  ["stage", "Stage / why", "the stage that found the match, or why there is none", (item) => item.stage ?? item.why],
-  ["confidence", "Conf.", "chance that the match is right", (item) => shown(item.confidence, 2)],
-  ["area", "Area", "px² of the polygon, of the left one in a match", (item) => shown(item.area)],
-  ["cost", "Cost", "cost ζ: lower is better", (item) => shown(item.cost, 2)],
-  ["dsf", "DSF", "homologous points inside both polygons", (item) => shown(item.dsf)],
-  ["verdict", "✓", "your verdict", (item) => ({ right: "✓", wrong: "✗" })[item.verdict] ?? ""],
+  ["id", "Id", "the match's id, or that of a polygon without a partner", (item) => (item.kind === "match" ? String(item.id) : `${item.id} ${item.kind[0].toUpperCase()}`), "62px"],
+  ["label", "Label", "the left polygon's label", (item) => item.label, "minmax(56px, 1fr)"],
+  ["stage", "Stage / why", "the stage that found the match, or why there is none", (item) => item.stage ?? item.why, "minmax(74px, 1fr)"],
+  ["confidence", "Conf.", "chance that the match is right", (item) => shown(item.confidence, 2), "46px"],
+  ["area", "Area", "px² of the polygon, of the left one in a match", (item) => shown(item.area), "62px"],
+  ["cost", "Cost", "cost ζ: lower is better", (item) => shown(item.cost, 2), "46px"],
+  ["dsf", "DSF", "homologous points inside both polygons", (item) => shown(item.dsf), "38px"],
+  ["verdict", "✓", "your verdict", (item) => ({ right: "✓", wrong: "✗" })[item.verdict] ?? "", "20px"],
 ];
+
+/** The columns that some item fills, and that of verdicts. */
+export function filled(columns, items) {
+  return columns.filter(([name, , , text]) => name === "verdict" || items.some((item) => ![null, undefined, "", "–"].includes(text(item))));
+}
 
 export class Table {
   /** head, body: elements of the page. columns: as `PAIR_COLUMNS`. on: {sort(column), select(item), hover(item or null),
    * color(item)}. */
   constructor(head, body, columns, on) {
     Object.assign(this, { head, body, columns, on });
+    head.parentElement.style.setProperty("--columns", columns.map(([, , , , width]) => width).join(" "));
     this.space = make("div", { class: "space", role: "presentation" });
     body.append(this.space);
     this.items = [];

@@ -6,7 +6,7 @@ import { CONFIDENCE } from "#report/items.js";
 import { Panel } from "#report/panel.js";
 import { pointers } from "#report/pointers.js";
 import { showFacts } from "#report/run.js";
-import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showState, showTab } from "#report/shell.js";
+import { connectKeys, connectReset, connectState, keepAddress, otherTheme, showAlert, showState, showTab, stepped } from "#report/shell.js";
 import { TRACKS, fromFragment, toFragment } from "#report/state.js";
 import { Strips } from "#report/strips.js";
 import { ordered, passes, rowsOf, tracksOf } from "#report/trackitems.js";
@@ -47,10 +47,7 @@ class TracksReport {
   start() {
     const pairs = this.data.run.pairs;
     the("counts").textContent = `${shown(pairs)} pair${pairs === 1 ? "" : "s"} of photographs matched (${this.data.run.chosen})`;
-    const warnings = this.data.run.warnings?.length ?? 0;
-    the("alert").hidden = !warnings;
-    the("alert").textContent = `⚠ ${warnings} ${warnings === 1 ? "warning" : "warnings"}`;
-    the("alert").addEventListener("click", () => this.set({ tab: "run" }));
+    showAlert(this.data.run, () => this.set({ tab: "run" }));
     const facts = [["zpm2", this.data.run.version], ["Pairs", `${pairs}: ${this.data.run.chosen}`], ...this.data.photographs.map(({ name, path, width, height }) => [name, `${path}, ${width} × ${height} px`])];
     showFacts(the("run"), facts, this.data.run, this.data.timings);
     this.connect();
@@ -158,10 +155,8 @@ class TracksReport {
   }
 
   step(rows) {
-    if (!this.listed.length) return;
-    const at = this.listed.findIndex((item) => item.key === this.state.select);
-    const next = at < 0 ? (rows > 0 ? 0 : this.listed.length - 1) : Math.max(0, Math.min(this.listed.length - 1, at + rows));
-    this.choose(this.listed[next]);
+    const next = stepped(this.listed, this.state.select, rows);
+    if (next) this.choose(next);
   }
 
   turnTheme() {
