@@ -154,6 +154,7 @@ def test_a_damaged_prediction_is_a_problem_of_its_pair(root: Path, pair: Pair, t
 def test_the_command(run: Run, root: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["eval", "pairs", "--root", root, "-o", out, "--set", "segment.grid=6", "--limit", 2]
+    words += ["--set", "points.max_keypoints=1000"]
     with remembered():  # both pairs are of the same photographs
         code, text, err = run(*words)
     assert code == 0, err
