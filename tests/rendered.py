@@ -1,5 +1,6 @@
 """A small rendered pair with regions that are known to correspond, for tests that need a whole run but no network."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +69,15 @@ def regions_of(disparity: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
             if stats[k, cv2.CC_STAT_AREA] >= LEAST:
                 labels[parts == k] = labels.max() + 1
     return labels
+
+
+def fewer(matches: Path, folder: Path, count: int) -> Path:
+    """A copy of a saved result with every n-th match only, `count` of them: what is made of each takes its time."""
+    document = json.loads((matches / "matches.json").read_text())
+    found = document["matches"]
+    document["matches"] = [found[k * len(found) // count] for k in range(count)]
+    (folder / "matches.json").write_text(json.dumps(document))
+    return folder
 
 
 def photograph(seed: int, width: int = 400, height: int = 240) -> NDArray[np.uint8]:

@@ -191,7 +191,7 @@ def test_command(command: str, run: Run, workplace: Path, reconstructed: Path, m
 @pytest.mark.weights
 def test_python_examples(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PIL.Image.Image, "show", lambda self: None)
-    quick = config.assign(config.preset("default"), FEW)
+    quick = config.assign(config.preset("default"), [*FEW, "pose.crops=off"])  # the command has them
     monkeypatch.setitem(config.PRESETS, "default", quick)
     names: dict[str, object] = {"zpm2": zpm2, "np": np}
     for page, text in blocks("python"):

@@ -13,7 +13,7 @@ from zpm2.pipeline import PairMatcher
 
 pytestmark = pytest.mark.weights
 
-SETTINGS = ["segment.grid=8", "points.max_keypoints=1000", "device=cpu"]
+SETTINGS = ["segment.grid=6", "points.max_keypoints=1000", "device=cpu"]
 
 
 def test_a_rendered_pair_with_the_real_models(run: Run, pair: Pair, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import boards
 import pytest
-from rendered import Pair, Run
+from rendered import Pair, Run, fewer
 
 from zpm2.api import Matcher
 from zpm2.config import assign, preset
@@ -87,7 +87,7 @@ def command(
         return "pose", ("pose", *both, *k, "--matches", matches, "--rectify", "--colmap", "--set", "pose.crops=off")
     if request.param == "cloud":
         pytest.importorskip("trimesh")
-        monkeypatch.setattr("zpm2.api.Matcher", Loaded(matches))
+        monkeypatch.setattr("zpm2.api.Matcher", Loaded(fewer(matches, tmp_path, 8)))
         return "cloud", ("cloud", *both, "--stereo", *k, "--baseline", 0.2, "--las", *quick)
     if request.param == "reconstruct":
         pytest.importorskip("pycolmap")

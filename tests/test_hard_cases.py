@@ -31,8 +31,9 @@ def matcher() -> PairMatcher:
 
 
 def quick(grid: int) -> PairMatcher:
-    """Few prompts, no closer look."""
-    return PairMatcher(assign(preset("default"), [f"segment.grid={grid}", "segment.detail.level=off", "device=cpu"]))
+    """Few prompts and points, no closer look."""
+    settings = [f"segment.grid={grid}", "points.max_keypoints=1000", "segment.detail.level=off", "device=cpu"]
+    return PairMatcher(assign(preset("default"), settings))
 
 
 def confident(result: MatchResult) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -57,7 +58,7 @@ def facade(columns: int = 7, shift: int = 0) -> Picture:
 
 
 def test_unrelated_photographs_give_no_match_to_rely_on(matcher: PairMatcher, pair: Pair) -> None:
-    result = matcher(pair.left, photograph(3, 480, 360))
+    result = matcher(pair.left, photograph(3))
     assert confident(result) == []
     assert any("may not show the same scene" in warning for warning in result.warnings)
 

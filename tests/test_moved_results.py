@@ -8,24 +8,38 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from rendered import Pair, Run
+from rendered import Pair
 
 from zpm2 import MatchResult
+from zpm2.cli import app
 from zpm2.errors import InputError
 
 
-@pytest.fixture
-def project(pair: Pair, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with photographs and, in out/, a result that was made there with relative names."""
-    folder = tmp_path / "project"
+@pytest.fixture(scope="module")
+def made(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with photographs and, in out/, a result that was made there with relative names; beside it, a copy."""
+    folder = tmp_path_factory.mktemp("made") / "project"
     (folder / "photographs").mkdir(parents=True)
     for side in ("left", "right"):
         shutil.copy(getattr(pair, side), folder / "photographs" / f"{side}.png")
-    monkeypatch.chdir(folder)
     words = ("photographs/left.png", "photographs/right.png", "-o", "out", *pair.regions)
-    assert run("match", *words).code == 0
-    monkeypatch.chdir(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["zpm2", "match", *words])
+        with pytest.raises(SystemExit) as left:
+            app.main()
+    assert left.value.code == 0
+    shutil.copytree(folder, folder.with_name("copy"))
     return folder
+
+
+@pytest.fixture
+def project(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder as it was made, in its place."""
+    shutil.rmtree(made, ignore_errors=True)
+    shutil.copytree(made.with_name("copy"), made)
+    monkeypatch.chdir(tmp_path)
+    return made
 
 
 def works(out: Path, photographs: Path, other: Path) -> None:

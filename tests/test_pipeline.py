@@ -1,6 +1,7 @@
 """The Python API: one call, a matcher that is kept, inputs of every kind, own stages, and what a run says."""
 
 import dataclasses
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -300,6 +301,22 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
         resolve_device("cuda")
     with pytest.raises(ConfigError, match="unknown device 'gpu'"):
         resolve_device("gpu")
+
+
+def test_torch_is_not_loaded_to_ask_for_a_gpu_without_a_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def no_driver(name: str) -> None:
+        asked.append(name)
+        raise OSError
+
+    monkeypatch.setattr("ctypes.CDLL", no_driver)
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "2.9.0+cu130")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delitem(sys.modules, "torch", raising=False)
+    assert resolve_device("auto") == "cpu"
+    assert asked == ["libcuda.so.1"]
+    assert "torch" not in sys.modules
 
 
 def test_polygons_that_no_texture_places_are_told() -> None:

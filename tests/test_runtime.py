@@ -213,7 +213,7 @@ import numpy as np
 from zpm2 import Zpm2Error, config
 from zpm2.pipeline import PairMatcher
 pair = sys.argv[1:]
-matcher = PairMatcher(config.assign(config.preset("paper"), ["segment.grid=4"]))
+matcher = PairMatcher(config.assign(config.preset("paper"), ["segment.grid=4", "points.max_keypoints=500"]))
 alone = matcher(*pair)
 with ThreadPoolExecutor(2) as pool:
     found = [f.result() for f in [pool.submit(matcher, *pair) for _ in range(2)]]

@@ -4,8 +4,10 @@ A process that is forked from one with networks lacks the threads that torch and
 for them for ever.
 """
 
+import ctypes
 import functools
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -66,8 +68,8 @@ def resolve_device(name: str) -> str:
     """The device, "cpu" or "cuda", of "auto", "cpu" or "cuda". `ConfigError` for others, or without a GPU for cuda."""
     if name not in ("auto", "cpu", "cuda"):
         raise ConfigError(f"unknown device '{name}'; devices are: auto, cpu, cuda")
-    if name == "cpu":
-        return name
+    if name == "cpu" or (name == "auto" and not _has_driver()):
+        return "cpu"
     import torch
 
     if torch.cuda.is_available():
@@ -75,6 +77,21 @@ def resolve_device(name: str) -> str:
     if name == "cuda":
         raise ConfigError("device cuda is not available to torch on this machine; use --device cpu")
     return "cpu"
+
+
+def _has_driver() -> bool:
+    """False where torch cannot have a GPU. To ask torch itself takes seconds where nothing else has loaded it."""
+    if "torch" in sys.modules:
+        return True
+    if sys.platform == "darwin":
+        return False  # torch has no CUDA there
+    try:
+        ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+    except OSError:
+        from importlib import metadata
+
+        return "rocm" in metadata.version("torch")  # AMD's GPUs are "cuda" to torch, too
+    return True
 
 
 class StageTimer:

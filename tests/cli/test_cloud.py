@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendered import Pair, Run
+from rendered import Pair, Run, fewer
 from scipy.spatial.transform import Rotation
 
 from zpm2.cloud.disparity_mesh import disparity_mesh
@@ -47,6 +47,12 @@ def matches(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return PairMatcher(chosen, segmenter=sides)(pair.left, pair.right).save(tmp_path_factory.mktemp("matches"))
 
 
+@pytest.fixture(scope="module")
+def few(matches: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A third of them."""
+    return fewer(matches, tmp_path_factory.mktemp("few"), 20)
+
+
 @pytest.fixture
 def k(pair: Pair) -> str:
     return f"{pair.scene.f},{pair.scene.f},{pair.scene.cx},{pair.scene.cy}"
@@ -77,9 +83,9 @@ def test_a_rectified_pair(pair: Pair, matches: Path, k: str, run: Run, tmp_path:
         assert (tmp_path / "out" / name).stat().st_size > 1000
 
 
-def test_a_given_disparity(pair: Pair, matches: Path, k: str, run: Run, tmp_path: Path) -> None:
+def test_a_given_disparity(pair: Pair, few: Path, k: str, run: Run, tmp_path: Path) -> None:
     np.save(tmp_path / "disparity.npy", pair.scene.disparity)
-    words = ("--stereo", "--K", k, "--baseline", "0.2", "--matches", matches, "-o", tmp_path / "out")
+    words = ("--stereo", "--K", k, "--baseline", "0.2", "--matches", few, "-o", tmp_path / "out")
     code, out, err = run("cloud", pair.left, pair.right, *words, "--disparity", tmp_path / "disparity.npy", "--json")
     assert code == 0, err
     counts = json.loads(out)["counts"]
@@ -89,12 +95,12 @@ def test_a_given_disparity(pair: Pair, matches: Path, k: str, run: Run, tmp_path
 
 
 def test_a_disparity_with_its_sign_and_a_camera_that_hardly_fits(
-    pair: Pair, matches: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pair: Pair, few: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What does not fit the matches is refused, what is odd about K is said."""
     monkeypatch.setattr("zpm2.cloud.save", lambda *words: [])
     np.save(tmp_path / "d.npy", -4 * pair.scene.disparity)
-    words = ("--stereo", "--baseline", "0.2", "--matches", matches, "--disparity", tmp_path / "d.npy")
+    words = ("--stereo", "--baseline", "0.2", "--matches", few, "--disparity", tmp_path / "d.npy")
     odd = ("--K", f"{pair.scene.f},{pair.scene.f},120,60", "--disparity-scale", "4", "--disparity-sign", "-1")
     code, out, err = run("cloud", pair.left, pair.right, *words, *odd, "-o", tmp_path / "a", "--json")
     assert code == 0, err
@@ -145,8 +151,8 @@ def with_matches(matches: Path, workspace: Path, out: Path) -> None:
     save_key(folder, key(photographs, matching_part(assign(preset("default"), SIFT_SETTINGS))))
 
 
-def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_path: Path) -> None:
-    with_matches(matches, workspace, tmp_path / "out")
+def test_a_workspace(pair: Pair, workspace: Path, few: Path, run: Run, tmp_path: Path) -> None:
+    with_matches(few, workspace, tmp_path / "out")
     code, _, err = run("cloud", workspace, "-o", tmp_path / "out", *SIFT)
     assert code == 0, err
     document = json.loads((tmp_path / "out" / "cloud.json").read_text())
@@ -156,7 +162,7 @@ def test_a_workspace(pair: Pair, workspace: Path, matches: Path, run: Run, tmp_p
 
 
 def test_photographs_of_one_name_in_two_folders(
-    workspace: Path, matches: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    workspace: Path, few: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """COLMAP's names may have folders; the matches of a pair are kept under both."""
     images = workspace / "images"
@@ -174,7 +180,7 @@ def test_photographs_of_one_name_in_two_folders(
             from zpm2.result import MatchResult
 
             asked.append((left, right))
-            document = json.loads((matches / "matches.json").read_text())
+            document = json.loads((few / "matches.json").read_text())
             document["left"]["path"], document["right"]["path"] = str(left), str(right)
             (tmp_path / "matches.json").write_text(json.dumps(document))
             return MatchResult.load(tmp_path)

@@ -1,5 +1,7 @@
 """A closer look at painted photographs whose small regions only a window shows."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -73,6 +75,12 @@ class Pair:
         return pair, detail.look_closer(pair, self.images, self.views, self.initial, match(pair), match, config)
 
 
+@cache
+def usual():
+    """The usual pair before and after a closer look, for several tests."""
+    return Pair().closer()
+
+
 def moved(shape):
     return shapely.transform(shape, lambda xy: xy + SHIFT)
 
@@ -95,7 +103,7 @@ def matched(pair):
 
 
 def test_windows_find_the_small_regions_of_both_images():
-    before, after = Pair().closer()
+    before, after = usual()
     assert len(before.left) == len(before.right) == 2
     found = matched(after)
     assert len(found) > 0.8 * len(SMALL)
@@ -109,7 +117,7 @@ def test_windows_find_the_small_regions_of_both_images():
 
 
 def test_no_region_is_found_twice():
-    _, after = Pair().closer()
+    _, after = usual()
     for side in (after.left, after.right):
         shapes = np.array([polygon.shape for polygon in side.polygons], object)
         i, j = shapely.STRtree(shapes).query(shapes, predicate="intersects")
@@ -163,7 +171,7 @@ def test_a_window_that_brings_nothing_is_the_last_one_of_its_size():
 
 
 def test_the_same_bytes_twice():
-    first, second = (Pair().closer()[1] for _ in range(2))
+    first, second = usual()[1], Pair().closer()[1]
     for a, b in ((first.left, second.left), (first.right, second.right)):
         assert [p.exterior.tobytes() for p in a.polygons] == [p.exterior.tobytes() for p in b.polygons]
 
@@ -185,7 +193,7 @@ def test_points_and_h_between_windows():
 
 
 def test_regions_of_a_window_need_a_match():
-    before, after = Pair().closer()
+    before, after = usual()
     assert before.left.confident.all()
     assert list(after.left.confident) == [True] * 2 + [False] * (len(after.left) - 2)
     (left, right), _ = redetection.drop_unconfirmed(after, matched(before), CONFIG.vectorize)

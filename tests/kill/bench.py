@@ -20,9 +20,10 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from commands import Case
+if TYPE_CHECKING:
+    from commands import Case
 
 HIDDEN = ".zpm2"
 CHANGES = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate")
@@ -58,7 +59,7 @@ class Bench:
     """One command in a folder that holds its inputs (`in`). It always runs in `work` and writes into `work/out`, as
     results name the places of their inputs; what it left when nobody stopped it is moved to `alone`."""
 
-    def __init__(self, case: Case, folder: Path) -> None:
+    def __init__(self, case: "Case", folder: Path) -> None:
         self.case, self.folder = case, folder
         self.work, self.out, self.alone = folder / "work", folder / "work" / "out", folder / "alone"
         self.whole: Ended | None = None
@@ -251,7 +252,7 @@ def _drive(stop: int, number: int, counted: str, words: list[str]) -> None:
 
     sys.addaudithook(watch)
     sys.argv = ["zpm2", *words]
-    from commands import offered
+    from offered import offered
 
     from zpm2.cli.app import main
 

@@ -4,10 +4,9 @@ import json
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from unittest import mock
 
 TESTS = Path(__file__).parents[1]
 sys.path += [str(TESTS / name) for name in (".", "weights", "evaluate", "linking") if str(TESTS / name) not in sys.path]
@@ -162,18 +161,6 @@ def _evaluation(pair: Pair, folder: Path) -> None:
 
 def _mute(text: str) -> None:
     pass
-
-
-def offered(words: list[str]) -> ExitStack:
-    """In the process of a command about weights: a manifest of one small file, which a server on the loopback
-    interface offers."""
-    stack = ExitStack()
-    if words[:1] == ["weights"]:
-        item = loopback.tiny(loopback.HUB)
-        for module in ("zpm2.weights", "zpm2.weights.manifest", "zpm2.weights.store"):
-            __import__(module)
-            stack.enter_context(mock.patch(f"{module}.MANIFEST", (item,)))
-    return stack
 
 
 def names_of_commands() -> list[str]:

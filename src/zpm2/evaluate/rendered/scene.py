@@ -175,6 +175,7 @@ def _light(surfaces: Sequence[RenderedSurface], rng: np.random.Generator) -> lis
         normals.append(q.astype(np.float32))
         shapes.append((n, n))
     start, normal = np.concatenate(points, axis=1), np.concatenate(normals, axis=1)
+    spheres = [_sphere(surface, start) for surface in surfaces]
     light = np.tile(BOUNCE.astype(np.float32), (start.shape[1], 1))
     window = np.array([-0.5, 0.75, -0.95]) + rng.uniform(-0.13, 0.13, (10, 3))
     sky = rng.standard_normal((14, 3))
@@ -185,14 +186,23 @@ def _light(surfaces: Sequence[RenderedSurface], rng: np.random.Generator) -> lis
             facing = ray @ normal
             if reach < np.inf:
                 facing = 0.5 + 0.5 * facing  # light from a hemisphere also reaches surfaces that face away
-            free = _free(surfaces, start, ray, reach, facing > 0)
+            free = _free(surfaces, spheres, start, ray, reach, facing > 0)
             light += (facing * free)[:, None] * color.astype(np.float32) / len(directions)
     parts = np.split(light, np.cumsum([h * w for h, w in shapes])[:-1])
     return [cv2.GaussianBlur(part.reshape(h, w, 3), (3, 3), 0) for part, (h, w) in zip(parts, shapes, strict=True)]
 
 
+def _sphere(surface: RenderedSurface, start: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, Values]:
+    """Centre (3, 1) and radius of a sphere around a surface, and the squared distance (n,) of each point from it."""
+    corners = surface.corners().astype(np.float32)
+    center = corners.mean(axis=1, keepdims=True)
+    radius = float(np.linalg.norm(corners - center, axis=0).max())
+    return center, radius, ((start - center) ** 2).sum(axis=0)
+
+
 def _free(
     surfaces: Sequence[RenderedSurface],
+    spheres: Sequence[tuple[NDArray[np.float32], float, Values]],
     start: NDArray[np.float32],
     ray: NDArray[np.float32],
     reach: float,
@@ -201,12 +211,9 @@ def _free(
     """(n,) which of the `wanted` points have no surface within `reach` m in the direction `ray`."""
     free = wanted.copy()
     passed = ray @ start
-    for surface in surfaces:
-        corners = surface.corners().astype(np.float32)
-        center = corners.mean(axis=1, keepdims=True)
-        radius = float(np.linalg.norm(corners - center, axis=0).max())
+    for surface, (center, radius, distance) in zip(surfaces, spheres, strict=True):
         ahead = ray @ center - passed
-        off = ((start - center) ** 2).sum(axis=0) - ahead**2
+        off = distance - ahead**2
         rows = np.flatnonzero(free & (ahead > -radius) & (ahead < reach + radius) & (off < radius**2))
         free[rows] = surface.hit(start[:, rows], ray[:, None]) >= reach
     return free
