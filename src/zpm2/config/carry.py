@@ -104,3 +104,10 @@ class CarryConfig:
     window_margin: float = share(
         0.25, "of a window, added on every side", source="points around the regions at its rim"
     )
+    zoom_step: float = number(
+        1.25,
+        "reductions of left windows are powers of this, so that several right photographs see the same windows",
+        low=1.01,
+        high=4.0,
+        source="points and segmenter bear half of it",
+    )
