@@ -49,6 +49,7 @@ def objects_of(matcher: Matcher, root: Path, each: dict[str, Any]) -> list[dict[
                 "agreement": outcome.agreement,
                 "trust": outcome.trust,
                 "points": outcome.pair_points,
+                "surrounded": outcome.surrounded,
                 "carried": float((found & true).sum() / max((found | true).sum(), 1)),
                 "outline": outline_agreement(found, true),
             }
