@@ -4,9 +4,10 @@
 
 ROWS are what `carry_regions.py` and `carry_labels.py` write with `--rows`. An outline is right that overlaps the true
 one by IoU 0.5; outlines of regions that the right photograph does not show are wrong, and those of which it shows some
-are left out. The model is logistic in the agreement, the trust in the place, and how many points of the pair agree on
-one geometry; each data set counts by the root of its outlines. One data set at a time is left out and judged by
-the others' weights. Prints a table to stderr and one JSON document (schema zpm2-bench-carry-confidence/1) to stdout.
+are left out. The model is logistic in the agreement, the trust in the place, how many points of the pair agree on one
+geometry, and the share of the region among these; each data set counts by the root of its outlines. One data set at a
+time is left out and judged by the others' weights. Prints a table to stderr and one JSON document (schema
+zpm2-bench-carry-confidence/1) to stdout.
 """
 
 import argparse
@@ -30,14 +31,15 @@ Array = NDArray[np.float64]
 
 
 def evidence(rows: list[dict[str, Any]]) -> Array:
-    """(n, 4) what the confidence is computed from."""
+    """(n, 5) what the confidence is computed from."""
     many = config.preset("default").carry.many_points
     told = [row["points"] / (row["points"] + many) for row in rows]
-    return np.array([(-1.0, row["agreement"], row["trust"], t) for row, t in zip(rows, told, strict=True)])
+    seen = [(row["agreement"], row["trust"], t, row["surrounded"]) for row, t in zip(rows, told, strict=True)]
+    return np.array([(-1.0, *each) for each in seen])
 
 
 def fitted(x: Array, right: Array, weight: Array) -> Array:
-    """(4,) intercept, and the weights of the agreement, the trust and the points."""
+    """(5,) intercept, and the weights of the agreement, the trust, the points and the share among them."""
 
     def loss(w: Array) -> float:
         z = x @ w
@@ -76,7 +78,7 @@ def main() -> None:
     table.append({"name": "all", "outlines": len(rows), **calibration(unseen, right)})
     for row in table:
         print(json.dumps(row), file=sys.stderr)
-    names = ("intercept", "by_agreement", "by_trust", "by_points")
+    names = ("intercept", "by_agreement", "by_trust", "by_points", "by_surrounded")
     weights = {name: round(float(value), 2) for name, value in zip(names, chosen, strict=True)}
     print(document.text("zpm2-bench-carry-confidence/1", weights=weights, rows=table))
 

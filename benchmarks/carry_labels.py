@@ -4,7 +4,9 @@
 
 `DATA/labels.json` lists the pairs: `left` and `right`, and under `gt` the label images `file` and `file1` with the
 numbers `ids`. J is the IoU of masks and F the agreement of outlines within 0.8 % of the diagonal (Perazzi et al. 2016).
-Prints one JSON document (schema zpm2-bench-carry-labels/1): a row a pair, and their mean by set.
+Each object is also looked for in the right photograph of the next pair, another scene, which does not show it.
+Prints one JSON document (schema zpm2-bench-carry-labels/1): a row a pair, their mean by set, and how many objects were
+claimed to be where they are not.
 """
 
 import argparse
@@ -49,11 +51,20 @@ def objects_of(matcher: Matcher, root: Path, each: dict[str, Any]) -> list[dict[
                 "agreement": outcome.agreement,
                 "trust": outcome.trust,
                 "points": outcome.pair_points,
+                "surrounded": outcome.surrounded,
                 "carried": float((found & true).sum() / max((found | true).sum(), 1)),
                 "outline": outline_agreement(found, true),
             }
         )
     return rows
+
+
+def claims(matcher: Matcher, root: Path, each: dict[str, Any], other: str) -> list[dict[str, Any]]:
+    """A row for each object of a pair that is claimed to be in another scene's photograph."""
+    result = matcher.carry(root / each["left"], root / other, root / each["gt"]["file"])
+    found = zip(result.regions, result.outcomes, strict=True)
+    claimed = [outcome for region, outcome in found if int(region.source_id) in each["gt"]["ids"] and outcome.shape]
+    return [{"pair": each["name"], "in": other, "confidence": round(o.confidence, 3)} for o in claimed]
 
 
 def outline_agreement(found: Bits, true: Bits) -> float:
@@ -84,9 +95,12 @@ def main() -> None:
     options = parser.parse_args()
     matcher = Matcher(config.preset("default"))
     by_pair: dict[str, list[dict[str, Any]]] = {}
-    for each in json.loads((options.root / "labels.json").read_text()):
+    elsewhere: list[dict[str, Any]] = []
+    pairs = json.loads((options.root / "labels.json").read_text())
+    for each, other in zip(pairs, [*pairs[1:], *pairs[:1]], strict=True):
         if any(part in each["name"] for part in options.only):
             by_pair[each["name"]] = objects_of(matcher, options.root, each)
+            elsewhere += claims(matcher, options.root, each, other["right"])
             print(json.dumps(summary(each["name"], by_pair[each["name"]])), file=sys.stderr, flush=True)
     rows = [row for own in by_pair.values() for row in own]
     if options.rows:
@@ -94,7 +108,8 @@ def main() -> None:
     kinds = dict.fromkeys(name.split("/")[0] for name in by_pair)
     found = [summary(name, own) for name, own in by_pair.items()]
     found += [summary(f"all of {kind}", [row for row in rows if row["pair"].startswith(kind)]) for kind in kinds]
-    print(document.text("zpm2-bench-carry-labels/1", rows=found))
+    absent = {"objects": len(rows), "claimed": len(elsewhere), "rows": elsewhere}
+    print(document.text("zpm2-bench-carry-labels/1", rows=found, elsewhere=absent))
 
 
 if __name__ == "__main__":

@@ -88,6 +88,7 @@ def regions_of(
                 "agreement": outcome.agreement,
                 "trust": outcome.trust,
                 "points": outcome.pair_points,
+                "surrounded": outcome.surrounded,
                 "seconds": seconds,
                 **{name: _iou(inside, bits, truth.right) for name, bits in zip(METHODS, there, strict=True)},
             }

@@ -45,7 +45,8 @@ class Matcher:
     decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles: an interrupted run goes
     on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took. The
     `photographs` that were used last are not looked at again when they come in another pair; each takes some 30 MB.
-    What networks found in earlier ones is put into the folder `aside`, which the caller makes and removes.
+    What networks found in earlier ones, and in windows of photographs whose regions are carried, is put into the folder
+    `aside`, which the caller makes and removes.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Matcher:
         shelf = None if aside is None else Shelf(Path(aside), 1e9 * self.config.tracks.on_disk)
         self._photographs = KeptPhotos(photographs, shelf)
         self._carried = self._photographs if self._photographs.most >= LAST_TWO else KeptPhotos(LAST_TWO)
+        self._windows = KeptPhotos(1, shelf)  # of left photographs too large to be seen as a whole
 
     def __call__(self, left: ImageLike, right: ImageLike) -> MatchResult:
         """Match one pair. Inputs are those of `PairMatcher`, and rasters of any size (extra `geo`).
@@ -175,6 +177,7 @@ class Matcher:
                 self.config,
                 rigid,
                 self.progress,
+                self._windows,
             )
 
     @property

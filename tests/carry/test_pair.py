@@ -8,6 +8,7 @@ from painted import PaintedSegmenter, PaintedView, Region
 
 from zpm2 import config, geometry
 from zpm2.carry import pair
+from zpm2.carry.outcome import confidence
 from zpm2.global_match import initial_geometry
 from zpm2.model import Image, PointMatches
 from zpm2.polygons.overlap import iou
@@ -178,3 +179,16 @@ def test_the_same_input_gives_the_same_outcome():
     assert [(a.status, a.confidence, a.shape.wkb) for a in first] == [
         (b.status, b.confidence, b.shape.wkb) for b in second
     ]
+
+
+def test_a_region_beyond_the_points_is_less_sure_than_one_among_them():
+    middle, border = shapely.box(100, 100, 140, 140), shapely.box(200, 100, 240, 140)
+    known = points(inside=shapely.box(0, 0, 220, SIZE))
+    among, half = carried([middle, border], [Region(moved(middle)), Region(moved(border))], known)
+    assert among.surrounded == 1
+    assert half.surrounded == pytest.approx(0.5, abs=0.05)
+    model = CONFIG.carry
+    for each in (among, half):
+        evidence = (each.agreement, each.trust, each.pair_points)
+        assert each.confidence == confidence(*evidence, each.surrounded, model) >= confidence(*evidence, 0.0, model)
+    assert among.confidence > half.confidence

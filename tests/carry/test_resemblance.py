@@ -31,7 +31,7 @@ def found(maps):
         shapely.transform(cell, lambda xy, m=m: geometry.project(m, xy)) for cell, m in zip(CELLS, maps, strict=True)
     ]
     n = len(CELLS)
-    return Places(np.array(moved, object), maps, np.full(n, 0.5), np.full(n, 4), np.full(n, 0.1))
+    return Places(np.array(moved, object), maps, np.full(n, 0.5), np.full(n, 4), np.full(n, 0.1), np.ones(n))
 
 
 PLACES = found(np.tile(H, (len(CELLS), 1, 1)))

@@ -28,13 +28,14 @@ class Outcome:
     sigma: float | None = None  # px, standard deviation of that place along each axis
     alternatives: tuple[tuple[float, float, float], ...] = ()  # x, y, agreement of other places
     pair_points: int = 0  # homologous points of the whole pair that agree on one geometry
+    surrounded: float = 0.0  # 0..1, share of the region, on the left, that lies among these
 
 
-def confidence(agreement: float, trust: float, points: int, config: CarryConfig) -> float:
-    """0..1 from the agreement of an answer, the trust in its place, and the points of the pair that agree on one
-    geometry (a logistic model)."""
+def confidence(agreement: float, trust: float, points: int, surrounded: float, config: CarryConfig) -> float:
+    """0..1 from the agreement of an answer, the trust in its place, the points of the pair that agree on one geometry,
+    and the share of the region among these (a logistic model)."""
     evidence = config.by_agreement * agreement + config.by_trust * trust - config.intercept
-    evidence += config.by_points * points / (points + config.many_points)
+    evidence += config.by_points * points / (points + config.many_points) + config.by_surrounded * surrounded
     return float(1 / (1 + np.exp(-evidence)))
 
 

@@ -201,7 +201,7 @@ def _outcome(
         status,
         reason,
         None if seen is None else seen.shape,
-        0.0 if seen is None else outcome.confidence(seen.agreement, trust, found.pair_points, config),
+        0.0 if seen is None else _confidence(found, k, seen.agreement, config),
         gone if seen is None else seen.visible,
         0.0 if seen is None else seen.agreement,
         trust,
@@ -210,7 +210,12 @@ def _outcome(
         float(found.sigma[k]) if known and np.isfinite(found.sigma[k]) else None,
         () if seen is None else seen.others,
         found.pair_points,
+        float(found.surrounded[k]),
     )
+
+
+def _confidence(found: Places, k: int, agreement: float, config: CarryConfig) -> float:
+    return outcome.confidence(agreement, float(found.trust[k]), found.pair_points, float(found.surrounded[k]), config)
 
 
 def moved_only(

@@ -33,6 +33,7 @@ class Places:
     trust: Array  # (n,) 0..1, how much the points say that this is the place
     agreeing: NDArray[np.int64]  # (n,) homologous points inside the region that agree with the map
     sigma: Array  # (n,) px, standard deviation of the place along each axis; NaN where fewer than three points tell
+    surrounded: Array  # (n,) 0..1, share of each region among the points of the scene: within their convex hull
     pair_points: int = 0  # of the whole pair that agree on one geometry
 
 
@@ -73,8 +74,15 @@ def places(shapes: NDArray[np.object_], initial: InitialGeometry, config: CarryC
         np.asarray(np.bincount(owner, weight * trust, n), np.float64),
         np.bincount(owner, agreeing, n).astype(np.int64),
         sigma[first] if n else sigma,
+        _surrounded(shapes, known),
         initial.agreeing,
     )
+
+
+def _surrounded(shapes: NDArray[np.object_], points: PointMatches) -> Array:
+    """(n,) 0..1, the share of each shape, left px, within the convex hull of points: beyond it they say less."""
+    hull = shapely.MultiPoint(points.left).convex_hull
+    return np.asarray(shapely.area(shapely.intersection(shapes, hull)) / np.maximum(shapely.area(shapes), 1e-300))
 
 
 def _points_inside(arrays: PolygonArrays, points: PointMatches) -> list[NDArray[np.intp]]:

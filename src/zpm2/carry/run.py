@@ -18,12 +18,12 @@ from zpm2.features import weights_notes
 from zpm2.formats.regions.outlines import shape_of
 from zpm2.formats.regions.region import GivenRegion, RegionFile
 from zpm2.formats.regions.registry import open_regions
-from zpm2.global_match import InitialGeometry, initial_geometry, points_with_data
+from zpm2.global_match import InitialGeometry, initial_geometry
 from zpm2.global_match.pair_points import PointFinder
 from zpm2.model import Image, Polygon
 from zpm2.model.messages import split
 from zpm2.photos.images import whole
-from zpm2.photos.kept import KeptPhotos
+from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.photos.source import Source
 from zpm2.runtime import Progress, StageTimer
 from zpm2.segment.protocol import PromptedSegmenter, Segmenter, notes_of
@@ -45,9 +45,10 @@ def carry(
     config: Config,
     rigid: bool,
     progress: Progress,
+    kept_windows: KeptPhotos = NOTHING_KEPT,
 ) -> CarryResult:
     """The regions of the left photograph in the right one. See `zpm2.Matcher.carry`. What was found in
-    photographs that are `kept` is used again."""
+    photographs that are `kept`, and in windows of left ones, is used again."""
     timer, notes = StageTimer(progress), list[str]()
     left, right = sources
     with timer("read"):
@@ -61,10 +62,11 @@ def carry(
         own = None if rigid else segmenter()
         prompted = None if own is None else _prompted(own, config)
     names = [given[k].source_id or str(given[k].row) for k in usable]
-    job = _Job(
-        sources, np.array([shapes[k] for k in usable], object), names, points, prompted, kept, config, timer, notes
-    )
     small = max(left.width, left.height, right.width, right.height) <= 2 * config.carry.window
+    seen = kept if small else kept_windows
+    job = _Job(
+        sources, np.array([shapes[k] for k in usable], object), names, points, prompted, seen, config, timer, notes
+    )
     found = job.whole() if small else job.by_windows()
     nothing = Outcome("not found", "it has no area in the left photograph", None, 0.0, None)
     by_row = dict(zip(usable, found, strict=True))
@@ -97,7 +99,7 @@ class _Job:
     names: Sequence[str]  # of each, for reasons
     finder: PointFinder
     segmenter: PromptedSegmenter | None  # None: outlines are only moved
-    kept: KeptPhotos
+    kept: KeptPhotos  # photographs, or windows of left ones
     config: Config
     timer: StageTimer
     notes: list[str]  # of the run, added to
@@ -128,8 +130,8 @@ class _Job:
                     unseen = missing(shapely.Polygon(), 0.0, size, None, config.carry)
                     found |= {int(row): Outcome(*unseen, None, 0.0, None) for row in rows}
                     continue
-                images = views[0].image, views[1].image
-                points = points_with_data(self.finder.load().match(*images), images)
+                images = self.kept.same(views[0].image), views[1].image
+                points = self.finder.first_look(images, self.kept)
                 here = initial_geometry(points, config.global_match, config.seed)
                 made = self._carried(images, rows, windows.to_view(self.shapes[rows], views[0]), here)
                 found |= {int(row): windows.from_view(each, views[1]) for row, each in zip(rows, made, strict=True)}

@@ -1,5 +1,6 @@
 """Regions of a photograph of any size: by windows, each with the part of the other photograph that shows it."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -45,7 +46,7 @@ def window_pairs(
     sources: tuple[Source, Source], shapes: Shapes, initial: InitialGeometry, config: Config
 ) -> Iterator[tuple[NDArray[np.intp], tuple[TileView, TileView] | None]]:
     """The windows that hold regions, row by row: the rows of the regions, and that part of the left and of the right
-    photograph, at a common ground resolution and upright to each other. None where the right one does not show it, or
+    photograph, at about one ground resolution and upright to each other. None where the right one does not show it, or
     nothing tells where it does."""
     side, margin = config.carry.window, config.carry.window * config.carry.window_margin
     centers = np.c_[shapely.get_x(shapely.centroid(shapes)), shapely.get_y(shapely.centroid(shapes))]
@@ -83,10 +84,16 @@ def window_pairs(
         scale = float(np.sqrt(abs(np.linalg.det(linear))))
         turn = applied_turn(float(np.arctan2(linear[1, 0] - linear[0, 1], linear[0, 0] + linear[1, 1])), config.tiles)
         views = (
-            read_view(sources[0], window, reduced_size(window, 1 / scale if scale < 1 else 1.0)),
+            read_view(sources[0], window, reduced_size(window, _reduction(scale, config.carry.zoom_step))),
             read_view(sources[1], other, reduced_size(other, scale if scale > 1 else 1.0), -turn),
         )
         yield rows, views
+
+
+def _reduction(scale: float, step: float) -> float:
+    """How much a left window is reduced where the right photograph has `scale` times its resolution. A power of `step`:
+    so a window is the same picture for several right photographs, and is looked at once."""
+    return float(step ** round(math.log(max(1 / scale, 1.0)) / math.log(step)))
 
 
 def _within(low: Sequence[float], high: Sequence[float], source: Source) -> Window:

@@ -1,6 +1,7 @@
 """`zpm2 carry`: regions of one photograph in others."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,7 +92,7 @@ def carry(
     from zpm2 import api
     from zpm2.carry import opened_regions
     from zpm2.files.listing import distinct_stems
-    from zpm2.files.record import make_folder
+    from zpm2.files.record import make_folder, temporary_folder
     from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.formats.regions.region import split_layer
 
@@ -117,8 +118,9 @@ def carry(
     with (
         fresh_folder(out, left, *rights, split_layer(regions)[0], names=[*folders, *([FOLDER] if masks else [])]),
         bars(quiet or as_json) as (progress, say),
+        temporary_folder(out) if len(rights) > 1 else nullcontext() as aside,
     ):
-        matcher = api.Matcher(config, progress=progress, say=say)
+        matcher = api.Matcher(config, progress=progress, say=say, aside=aside)
         found = []
         for folder, right in zip(folders, rights, strict=True):
             result = matcher.carry(left, right, file, rigid=rigid)

@@ -199,6 +199,8 @@ def _report(found: "PolygonCloud", missing: list[str], out: Path, quiet: bool, a
         f"{len(found.patches)} polygons on the surface, from {found.accepted} of {found.matches} matches in "
         f"{len(found.views)} views; they cover {100 * found.coverage:.0f} % of the surface that the views see"
     )
+    if found.events:
+        print(f"{len(found.events)} times one view has one polygon where another one has several")
     for reason, count in found.reasons().items():
         print(f"{count:6d} rejected: {reason}")
     print(f"Written: {out / 'cloud.html'}, cloud.json, cloud.png, patches.ply, cloud.glb, boundaries, points")

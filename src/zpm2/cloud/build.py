@@ -5,20 +5,22 @@ from dataclasses import dataclass, replace
 
 from zpm2.cloud.check import Agreement, cross_check
 from zpm2.cloud.coverage import Coverage
+from zpm2.cloud.events import surface_events
 from zpm2.cloud.lift import Lifted, lift
-from zpm2.cloud.patch import Cutter, SurfacePatch, covered_shares
+from zpm2.cloud.patch import Cutter, touching
 from zpm2.cloud.rays import RayCaster
 from zpm2.cloud.result import CloudPatch, PolygonCloud, Rejected, SupportingMatch
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.surface_view import SurfaceView
 from zpm2.cloud.workspace import PosedPhotograph
-from zpm2.config import CloudConfig
+from zpm2.config import CloudConfig, TracksConfig
 from zpm2.errors import Failed
 from zpm2.model.messages import Note, about, split
 from zpm2.result import MatchResult
 from zpm2.runtime import StageTimer
 from zpm2.tracking.join import Observation, Track, TrackMatch, build_tracks
 
+TRACKS = TracksConfig()
 Accepted = dict[TrackMatch, tuple[SupportingMatch, dict[Observation, Lifted]]]  # by match; with its lifted polygons
 
 
@@ -38,8 +40,9 @@ def build(
     caster: RayCaster,
     config: CloudConfig,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    tracks_config: TracksConfig = TRACKS,
 ) -> PolygonCloud:
-    """The polygon cloud of matched pairs of views.
+    """The polygon cloud of matched pairs of views. `tracks_config` says what a split is.
 
     Matches that give no patch are listed in `rejected`, each with its reason. A cloud may be empty; its warnings then
     say why. `InputError` if no view sees the mesh.
@@ -69,6 +72,8 @@ def build(
     with timer("cut"):
         patches, refused = _patches(tracks, found, on_mesh, config)
         rejected += refused
+    with timer("events"):
+        happened = surface_events(patches, on_mesh, [(pair.left, pair.right) for pair in pairs], tracks_config)
     matches = sum(len(pair.result.matches) for pair in pairs)
     if not patches:
         messages.append(f"none of the {matches} matches gave a polygon on the surface")
@@ -84,6 +89,7 @@ def build(
         timings=timer.seconds,
         warnings=warnings,
         notes=notes,
+        events=happened,
     )
 
 
@@ -163,7 +169,7 @@ def _merged(patches: list[CloudPatch], views: Sequence[SurfaceView], same: float
     """
     surface = views[0].surface
     order = sorted(patches, key=lambda p: (-len(p.views), -p.scale, -p.patch.area))
-    near = _touching([p.patch for p in order], surface)
+    near = touching([p.patch for p in order], surface)
     gone: set[int] = set()
     kept = []
     for a, patch in enumerate(order):
@@ -192,7 +198,7 @@ def _nested(patches: list[CloudPatch], views: Sequence[SurfaceView], share: floa
     `patches` must be sorted by descending area.
     """
     surface = views[0].surface
-    near = _touching([p.patch for p in patches], surface)
+    near = touching([p.patch for p in patches], surface)
     level: dict[int, int] = {}
     result = []
     for k, patch in enumerate(patches):
@@ -206,17 +212,6 @@ def _nested(patches: list[CloudPatch], views: Sequence[SurfaceView], share: floa
         level[k] = 0 if parent is None else level[parent] + 1
         result.append(replace(patch, parent=parent, level=level[k]))
     return result
-
-
-def _touching(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> dict[int, list[int]]:
-    """For each patch, the other patches that share a triangle of the surface with it."""
-    covers = covered_shares(patches, surface)
-    common = (covers @ covers.T).tocoo()
-    near: dict[int, list[int]] = {}
-    for a, b in zip(common.row.tolist(), common.col.tolist(), strict=True):
-        if a != b:
-            near.setdefault(a, []).append(b)
-    return near
 
 
 def _rejected(support: SupportingMatch, reason: str) -> Rejected:

@@ -35,6 +35,7 @@ def page(cloud: PolygonCloud) -> str:
             attributes(polygon) | {"rgb": rgb.tolist()}
             for polygon, rgb in zip(cloud.patches, cloud.colors, strict=True)
         ],
+        "events": [vars(event) for event in cloud.events],
         "parts": [
             _part("surface", shown, shown.ids == NO_PATCH),
             _part("patches", shown, (shown.ids != NO_PATCH) & ~shown.tube),

@@ -260,3 +260,14 @@ def covered_shares(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> csr
     source = np.concatenate([np.zeros(0, np.int64), *(p.source for p in patches)])
     areas = np.concatenate([np.zeros(0), *(p.areas for p in patches)]) / surface.areas[source]
     return coo_array((areas, (rows, source)), shape=(len(patches), len(surface.faces))).tocsr()
+
+
+def touching(patches: Sequence[SurfacePatch], surface: SurfaceMesh) -> dict[int, list[int]]:
+    """For each patch, the other patches that share a triangle of the surface with it."""
+    covers = covered_shares(patches, surface)
+    common = (covers @ covers.T).tocoo()
+    near: dict[int, list[int]] = {}
+    for a, b in zip(common.row.tolist(), common.col.tolist(), strict=True):
+        if a != b:
+            near.setdefault(a, []).append(b)
+    return near

@@ -21,6 +21,7 @@ from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
 from zpm2.runtime import package_version
+from zpm2.tracking.events import Event
 from zpm2.view.palette import distinct_colors
 
 Array = NDArray[np.float64]
@@ -116,6 +117,7 @@ class PolygonCloud:
     timings: Mapping[str, float] = field(repr=False)  # stage -> seconds
     warnings: Sequence[str]  # what a user may have to act on
     notes: Sequence[str] = ()  # what was done automatically
+    events: Sequence[Event] = ()  # splits and merges; ids are those of patches, rows are views
     version: str = field(default_factory=package_version, repr=False)
 
     __repr__ = brief
@@ -171,6 +173,7 @@ class PolygonCloud:
             "accepted": self.accepted,
             "rejected": len(self.rejected),
             "patches": len(self.patches),
+            "events": len(self.events),
             "coverage": self.coverage,
             "reasons": self.reasons(),
         }
@@ -194,6 +197,7 @@ class PolygonCloud:
             },
             "counts": self.counts(),
             "patches": [self._patch(patch) for patch in self.patches],
+            "events": [vars(event) | {"parts": list(event.parts)} for event in self.events],
             "rejected": [{"match": rejected.match, **vars(rejected)} for rejected in self.rejected],
             "warnings": list(self.warnings),
             "notes": list(self.notes),

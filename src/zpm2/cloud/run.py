@@ -256,7 +256,7 @@ def _built(
     odd: Sequence[str],
 ) -> PolygonCloud:
     """The cloud. Its messages include doubts about the cameras (`odd`) and the messages of the matches."""
-    made = build(views, matched, surface, caster, pairs.config.cloud, pairs.progress)
+    made = build(views, matched, surface, caster, pairs.config.cloud, pairs.progress, pairs.config.tracks)
     warnings, notes = [*odd, *made.warnings], list(made.notes)
     for pair in matched:
         names = f"{views[pair.left].name}, {views[pair.right].name}"

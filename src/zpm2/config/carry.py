@@ -82,15 +82,22 @@ class CarryConfig:
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
-    intercept: float = number(1.52, "subtracted in the confidence", unit="log-odds", high=100.0, source=FITTED)
+    intercept: float = number(2.13, "subtracted in the confidence", unit="log-odds", high=100.0, source=FITTED)
     by_agreement: float = number(
-        2.42, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
+        2.51, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_trust: float = number(
-        1.47, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
+        1.03, "weight of the trust in its place in the confidence", unit="log-odds", high=100.0, source=FITTED
     )
     by_points: float = number(
-        2.36, "weight of the pair's agreeing points in the confidence", unit="log-odds", high=100.0, source=FITTED
+        1.78, "weight of the pair's agreeing points in the confidence", unit="log-odds", high=100.0, source=FITTED
+    )
+    by_surrounded: float = number(
+        1.49,
+        "weight of the share of a region among the pair's agreeing points in the confidence",
+        unit="log-odds",
+        high=100.0,
+        source=FITTED,
     )
     many_points: float = number(
         500.0,
@@ -103,4 +110,11 @@ class CarryConfig:
     )
     window_margin: float = share(
         0.25, "of a window, added on every side", source="points around the regions at its rim"
+    )
+    zoom_step: float = number(
+        1.25,
+        "reductions of left windows are powers of this, so that several right photographs see the same windows",
+        low=1.01,
+        high=4.0,
+        source="points and segmenter bear half of it",
     )

@@ -55,7 +55,8 @@ class TracksConfig:
     )
     on_disk: float = number(
         4.0,
-        "for what networks found in other photographs, in the output folder until the end; each takes some 12 MB",
+        "for what networks found in other photographs, or in the left one's windows (zpm2 carry), in the output folder "
+        "until the end; each takes some 12 MB",
         unit="GB",
         high=1e6,
         source="300 photographs",

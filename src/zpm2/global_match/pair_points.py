@@ -71,20 +71,25 @@ class PointFinder:
     def __call__(self, images: Images, timer: StageTimer, kept: KeptPhotos = NOTHING_KEPT) -> PairPoints:
         """The points of two photographs. `timer` receives the stage "points" and, for further looks, "escalate".
         Features of photographs that are `kept` are not looked for again."""
-        matcher, config = self.load(), self.config.points.escalate
+        config = self.config.points.escalate
         with timer("points"):
-            with self._lock:
-                if isinstance(matcher, CombinedMatcher):
-                    points = matcher.match_kept(*images, kept)
-                else:
-                    points = matcher.match(*images)
-            initial = self._geometry(points_with_data(points, images))
+            initial = self._geometry(self.first_look(images, kept))
         once = self._given or not config.on or any(thin(image.width, image.height) for image in images)
         if once or is_safe(initial, images, config):
             return PairPoints(initial, [])
         self.say(f"{initial.agreeing} of {len(initial.points)} points agree on one geometry: looking again")
         with timer("escalate"), self._lock:
             return self._again(images, initial)
+
+    def first_look(self, images: Images, kept: KeptPhotos = NOTHING_KEPT) -> PointMatches:
+        """The points of two photographs without further looks."""
+        matcher = self.load()
+        with self._lock:
+            if isinstance(matcher, CombinedMatcher):
+                points = matcher.match_kept(*images, kept)
+            else:
+                points = matcher.match(*images)
+        return points_with_data(points, images)
 
     def _again(self, images: Images, first: InitialGeometry) -> PairPoints:
         """Further looks, until the geometry is safe or all are made."""

@@ -55,14 +55,14 @@ def events(
         places = warp_by_points(PolygonArrays([seen[here][id] for id in wholes]), forward, of_pair, local).shapes
         shapes = np.array([seen[there][id].shape for id in others], object)
         for whole, place in zip(wholes, places, strict=True):
-            parts = _parts(place, shapes, tracks)
+            parts = parts_of(place, shapes, tracks)
             if len(parts) >= 2:
                 kind: Literal["split", "merge"] = "split" if here < there else "merge"
                 found.append(Event(kind, whole, tuple(sorted(others[k] for k in parts)), here, there))
     return found
 
 
-def _parts(place: shapely.Polygon, shapes: NDArray[np.object_], config: TracksConfig) -> list[int]:
+def parts_of(place: shapely.Geometry, shapes: NDArray[np.object_], config: TracksConfig) -> list[int]:
     """Rows of the shapes that together fill a place; none where they do not."""
     if place.is_empty or not place.area:
         return []

@@ -230,7 +230,7 @@ class CloudPage {
     this.table.mark(this.hovered?.key, this.state.select);
     const item = this.hovered ?? this.chosen;
     document.body.dataset.picked = item ? item.number : -1;
-    showPolygon(the("detail"), item, this.data.views);
+    showPolygon(the("detail"), item, this.data);
     this.draw();
   }
 
@@ -246,7 +246,7 @@ class CloudPage {
   }
 }
 
-function showPolygon(element, item, views) {
+function showPolygon(element, item, { views, events }) {
   if (!item) {
     element.replaceChildren(make("p", { class: "hint" }, "Point at a polygon to see what is known of it. Click to keep it, double-click to turn around it. Press ? for all keys."));
     return;
@@ -260,6 +260,8 @@ function showPolygon(element, item, views) {
     ["Normal", item.normal.map((x) => x.toFixed(2)).join(", ")],
     ["Share lifted", `${shown(100 * item.scale ** 2)} %`],
     ["Part of", item.parent ?? "–"],
+    ...events.filter(({ whole }) => whole === item.id).map((e) => [`Whole in ${views[e.whole_in]}`, `polygons ${e.parts.join(", ")} in ${views[e.parts_in]}`]),
+    ...events.filter(({ parts }) => parts.includes(item.id)).map((e) => [`Part in ${views[e.parts_in]}`, `of polygon ${e.whole}, whole in ${views[e.whole_in]}`]),
     ["Seen by", item.views.map((k) => views[k]).join(", ")],
     ...item.matches.map((m) => [`Match ${m.match}`, `${views[m.left_view]}, ${views[m.right_view]}`]),
   ];
