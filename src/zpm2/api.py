@@ -66,6 +66,10 @@ class Matcher:
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=self._tell, say=say)
         self._quiet = 0  # how many iterations over many pairs are going on
         self._points, self._segmenter_given = points, segmenter is not None
+        self.keep(photographs, aside)
+
+    def keep(self, photographs: int, aside: str | Path | None = None) -> None:
+        """Forget all photographs; from now on keep so many, and put others `aside`, as when the matcher was made."""
         shelf = None if aside is None else Shelf(Path(aside), 1e9 * self.config.tracks.on_disk)
         self._photographs = KeptPhotos(photographs, shelf)
         self._carried = self._photographs if self._photographs.most >= LAST_TWO else KeptPhotos(LAST_TWO)
