@@ -200,7 +200,7 @@ def test_misuse_is_said(tmp_path: Path) -> None:
     pairs = listed(tmp_path, "ab")
     with pytest.raises(ConfigError, match="--command tracks takes a list of groups, not of pairs"):
         batch.run(pairs, Job(str(tmp_path / "out"), "tracks"))
-    with pytest.raises(ConfigError, match="--pairs list.txt: for the groups of a list"):
+    with pytest.raises(ConfigError, match="for the groups of a list"):
         batch.run(pairs, Job(str(tmp_path / "out"), "tracks", way="list.txt"))
     with pytest.raises(ConfigError, match="did you mean 'match'"):
         batch.run(pairs, Job(str(tmp_path / "out"), "macth"))

@@ -8,6 +8,7 @@ from zpm2.batch.group_list import groups_of_folder, read_groups
 from zpm2.batch.job import Job
 from zpm2.batch.pair_list import pairs_of_folder, read_pairs
 from zpm2.batch.runner import BatchSummary, merge, read_index, run, save_list
+from zpm2.batch.tiles import TileEngine
 
 __all__ = [
     "BatchSummary",
@@ -16,6 +17,7 @@ __all__ = [
     "Pair",
     "Processes",
     "RayEngine",
+    "TileEngine",
     "groups_of_folder",
     "merge",
     "pairs_of_folder",

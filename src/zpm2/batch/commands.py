@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar, cast
 
 from zpm2.api import Matcher
-from zpm2.batch.entries import Entry, Group, Pair
+from zpm2.batch.entries import Entry, Group, Pair, TileEntry
 from zpm2.batch.job import Job
 from zpm2.batch.results import results_in
 from zpm2.batch.tables import Columns, Value
@@ -223,11 +223,11 @@ class Tracks:
         return Finished(lambda folder: result.save(folder, sheets, job.report), found, sum(result.timings.values()))
 
 
-def command_of(job: Job) -> Command[Entry]:
-    """The command of a job, ready for work; its models are loaded when the first pair comes. It is given what its list
-    holds (`Job.kind`)."""
+def command_of(job: Job) -> Command[Entry | TileEntry]:
+    """The command of a job, ready for work; its models are loaded when the first pair comes. It is given entries
+    of its own kind (`Job.kind`)."""
     own = value_at(job.command, "command") if ":" in job.command else _BUILT_IN[job.command]
-    return cast(Command[Entry], own(job))
+    return cast(Command[Entry | TileEntry], own(job))
 
 
 def columns_of(job: Job) -> Columns:

@@ -1,4 +1,4 @@
-"""What a list holds: pairs of photographs, or groups of them."""
+"""What workers are given: pairs of photographs or groups of them, from a list, or tiles of a pair."""
 
 import csv
 import io
@@ -8,8 +8,10 @@ from dataclasses import astuple, dataclass
 from typing import ClassVar, Literal
 
 from zpm2.batch.tables import Columns, Value
+from zpm2.tiled.elsewhere import TileOrder
+from zpm2.tiled.tile import TilePart
 
-Kind = Literal["pair", "group"]
+Kind = Literal["pair", "group", "tile"]
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,19 @@ class Group:
 
 
 Entry = Pair | Group
+
+
+@dataclass(frozen=True)
+class TileEntry:
+    """A tile of a large pair (`tiles.Tiles`), which is in no list."""
+
+    order: TileOrder
+    part: TilePart
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return self.part.name
 
 
 def to_csv(entries: Sequence[Entry]) -> str:

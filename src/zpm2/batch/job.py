@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from zpm2.batch.entries import Entry, Kind, Pair
+from zpm2.batch.entries import Entry, Kind, Pair, TileEntry
 from zpm2.config import Config, preset
 from zpm2.errors import ConfigError, did_you_mean
 from zpm2.files.keys import code_of, key, stamp
@@ -16,6 +16,7 @@ from zpm2.plugins import module_of, value_at
 from zpm2.tracking.pairs import WAYS, database_beside
 
 COMMANDS = ("match", "pose", "carry", "tracks")
+TILES = "zpm2.batch.tiles:Tiles"  # the command for tiles of a large pair
 MACHINE = ("device", "max_memory")  # parts of the configuration that change no result
 
 
@@ -50,8 +51,9 @@ class Job:
 
     @property
     def kind(self) -> Kind:
-        """What its list holds."""
-        return "group" if self.command == "tracks" else "pair"
+        """What it is done with."""
+        kinds: dict[str, Kind] = {"tracks": "group", TILES: "tile"}
+        return kinds.get(self.command, "pair")
 
     def made_with(self) -> str:
         """The key of all that the pairs have in common."""
@@ -73,9 +75,9 @@ class Job:
 
 
 class Task(NamedTuple):
-    """A pair or a group to be done."""
+    """A pair, a group or a tile to be done."""
 
-    entry: Entry
+    entry: Entry | TileEntry
     key: str  # of what its result is made from
 
 

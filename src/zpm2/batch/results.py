@@ -143,8 +143,28 @@ class RemoteResults:
         return None
 
 
+class NoResults:
+    """For entries whose command keeps its results itself."""
+
+    def row(self, name: str, key: str) -> Row | None:
+        """See `Results`."""
+        return None
+
+    def save(self, row: Row, key: str, write: Callable[[Path], object] | None) -> None:
+        """Nothing."""
+
+    def tidy(self, name: str) -> None:
+        """Nothing."""
+
+    def folder(self, name: str) -> Path | None:
+        """See `Results`."""
+        return None
+
+
 def results_in(out: str, kind: Kind) -> Results:
     """The place of that path or address."""
+    if kind == "tile":
+        return NoResults()
     return RemoteResults(out, kind) if remote.is_address(out) else LocalResults(out, kind)
 
 

@@ -21,7 +21,7 @@ class Supply:
 
     def __init__(self, job: Job, tasks: Sequence[Task], workers: int, retries: int) -> None:
         self.job, self.retries = job, retries
-        most = BLOCK if job.kind == "pair" else 1  # a group takes long, and has no photographs in common with others
+        most = BLOCK if job.kind == "pair" else 1  # groups and tiles take long, and need no neighbours
         size = max(1, min(most, len(tasks) // (4 * workers)))  # the last blocks end at about the same time
         self._blocks = deque(list(tasks[k : k + size]) for k in range(0, len(tasks), size))
         self._tries = Counter[str]()

@@ -6,7 +6,7 @@ from itertools import chain
 from typing import NamedTuple
 
 from zpm2.batch.commands import Finished, command_of
-from zpm2.batch.entries import Entry
+from zpm2.batch.entries import Entry, TileEntry
 from zpm2.batch.job import Job, Task
 from zpm2.batch.results import DONE, FAILED, Results, Row, results_in
 from zpm2.errors import OutputError, Zpm2Error
@@ -32,7 +32,7 @@ class Worker:
         source, waiting = iter(tasks), deque[Task]()
         again = list[Task]()
 
-        def entries() -> Iterator[Entry]:
+        def entries() -> Iterator[Entry | TileEntry]:
             for task in chain(tuple(again), source):
                 waiting.append(task)
                 yield task.entry

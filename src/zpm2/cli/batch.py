@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from zpm2.cli.console import bars, warn
+from zpm2.cli.engines import Address, EngineName, Gpus, Workers, check_engine, open_engine
 from zpm2.cli.options import (
     CAMERAS,
     METHOD,
@@ -34,11 +35,9 @@ from zpm2.cli.options import (
     registered_segmenters,
     use_weights,
 )
-from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.batch import BatchSummary
-    from zpm2.batch.engines.engine import Engine
     from zpm2.batch.entries import Entry
 
 WAYS = ("auto", "sequential", "exhaustive", "exif-gps", "colmap")
@@ -80,7 +79,7 @@ def batch(
     list_only: Annotated[
         bool, typer.Option("--list-only", help="Of a folder, only write the list.", rich_help_panel=RUN)
     ] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes, each with the models.", rich_help_panel=RUN)] = 1,
+    workers: Workers = 1,
     shard: Annotated[
         str | None,
         typer.Option(metavar="I/N", help="Do only the I-th of N parts of the list.", rich_help_panel=RUN),
@@ -88,20 +87,9 @@ def batch(
     merge: Annotated[
         bool, typer.Option("--merge", help="Match nothing; write the index of what there is.", rich_help_panel=RUN)
     ] = False,
-    engine: Annotated[
-        str,
-        typer.Option(
-            help="local: processes of this machine; ray: actors of Ray (extra ray).",
-            rich_help_panel=RUN,
-            autocompletion=one_of(lambda: ("local", "ray")),
-        ),
-    ] = "local",
-    address: Annotated[
-        str | None, typer.Option(help="Ray cluster, or auto.  [default: start Ray here]", rich_help_panel=RUN)
-    ] = None,
-    gpus: Annotated[
-        float, typer.Option(min=0.0, help="GPUs of each Ray worker; four share one with 0.25.", rich_help_panel=RUN)
-    ] = 0.0,
+    engine: EngineName = "local",
+    address: Address = None,
+    gpus: Gpus = 0.0,
     retries: Annotated[
         int,
         typer.Option(
@@ -186,8 +174,7 @@ def batch(
     check_formats(formats or [])
     use_weights(weights_dir)
     allow_vrt(allowed)
-    if (engine == "local") and (address is not None or gpus):
-        raise ConfigError("--address and --gpus are of --engine ray: give it, too")
+    check_engine(engine, address, gpus)
     regions = None if regions is None else os.path.abspath(regions)
     job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2, way=way)
     job.check()
@@ -207,7 +194,7 @@ def batch(
         if merge:
             found = batches.merge(listed, job)
         else:
-            hands = _engine(engine, workers, address, gpus)
+            hands = open_engine(engine, workers, address, gpus)
             try:
                 found = batches.run(listed, job, engine=hands, shard=shard, retries=retries, progress=progress, say=say)
             except KeyboardInterrupt as stop:
@@ -216,16 +203,6 @@ def batch(
     _report(found, f"{job.kind}s", quiet, as_json)
     if found.failed:
         raise typer.Exit(1)
-
-
-def _engine(name: str, workers: int, address: str | None, gpus: float) -> "Engine":
-    from zpm2 import batch as batches
-
-    if name == "local":
-        return batches.Processes(workers)
-    if name == "ray":
-        return batches.RayEngine(workers, address, gpus=gpus)
-    raise ConfigError(f"--engine {name}: give local or ray")
 
 
 def _report(found: "BatchSummary", what: str, quiet: bool, as_json: bool) -> None:
