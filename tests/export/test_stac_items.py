@@ -48,9 +48,13 @@ def made(out: Path) -> dict[str, Any]:
     document: dict[str, Any] = json.loads(file.read_text())
     if find_spec("pystac") is not None and find_spec("jsonschema") is not None:
         import pystac
+        from pystac.extensions.projection import ProjectionExtension
+        from pystac.validation.stac_validator import JsonSchemaSTACValidator
 
         item = pystac.Item.from_file(str(file))
-        item.validate_core() if hasattr(item, "validate_core") else pystac.validation.validate_core(item)
+        # with the schema that comes with it; that of the extension is on a network
+        JsonSchemaSTACValidator().validate_core(document, pystac.STACObjectType.ITEM, stac.VERSION)
+        assert ProjectionExtension.ext(item.get_assets()["left"]).shape == [SIZE[1], SIZE[0]]
         assert item.get_assets()["matches.json"].media_type == pystac.MediaType.JSON
         assert Path(item.get_assets()["left"].get_absolute_href() or "").is_file()
     return document
