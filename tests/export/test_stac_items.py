@@ -46,7 +46,7 @@ def saved(folder: Path, crs: str | None = "EPSG:32633", shift: float = 50.0, tim
 def made(out: Path) -> dict[str, Any]:
     (file,) = out.glob("*.json")
     document: dict[str, Any] = json.loads(file.read_text())
-    if find_spec("pystac") is not None and find_spec("jsonschema") is not None:
+    if all(find_spec(name) for name in ("pystac", "jsonschema", "referencing")):
         import pystac
         from pystac.extensions.projection import ProjectionExtension
         from pystac.validation.stac_validator import JsonSchemaSTACValidator
