@@ -34,7 +34,8 @@ def saved(folder: Path, crs: str | None = "EPSG:32633", shift: float = 50.0, tim
         if time:
             exif[stac.TIFF_TIME] = time
         PIL.Image.new("RGB", SIZE, (90, 120, 40)).save(path, exif=exif)
-        matrix = UTM + [[0, 0, east], [0, 0, 0]]
+        matrix = np.array(UTM)
+        matrix[0, 2] += east
         square = np.array([[100, 100], [150, 100], [150, 150], [100, 150.0]])
         geo = Georeference(crs, None if crs is None else matrix, None if crs is None else 0.5)
         sides.append(ImagePolygons(*SIZE, [Polygon(0, square)], str(path), geo=geo))
@@ -128,7 +129,7 @@ def test_footprints_keep_their_area(west: float, south: float, wide: float, high
     matrix = np.array([[wide, 0, west], [0, -high, south + 100 * high]])
     side = ImagePolygons(100, 100, [], "a.tif", geo=Georeference("EPSG:4326", matrix))
     whole = stac.cut(stac.footprint([side, side]))
-    x0, y0, x1, y1 = whole.bounds
+    x0, _, x1, _ = whole.bounds
     assert -180 <= x0 <= x1 <= 180
     assert whole.area == pytest.approx(100 * wide * 100 * high, rel=0.01, abs=1e-8)
 

@@ -29,7 +29,7 @@ def tracks(
     pairs: str | Path = "auto",
     segmenter: Segmenter | None = None,
     points: PointMatcher | None = None,
-    matcher: api.Matcher | None = None,
+    matcher: "api.Matcher | None" = None,
     kept: str | Path | None = None,
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
@@ -116,7 +116,7 @@ class _Work:
         aside: Path | None,
         progress: Progress,
         say: Callable[[str], None],
-        matcher: api.Matcher | None = None,
+        matcher: "api.Matcher | None" = None,
     ) -> None:
         self.photographs, self.config, self.store, self.aside = photographs, config, store, aside
         self.progress, self.say = progress, say
