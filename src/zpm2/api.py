@@ -26,8 +26,9 @@ from zpm2.photos.source import ImageLike, Source, opened
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult, read_result
 from zpm2.runtime import Progress
-from zpm2.segment.protocol import PromptedSegmenter, Segmenter
+from zpm2.segment.protocol import PolygonSource, PromptedSegmenter, Segmenter
 from zpm2.segment.registry import SEGMENTERS
+from zpm2.tiled.elsewhere import TileWorkers
 from zpm2.tiled.run import TiledRun
 from zpm2.tiled.whole import in_tiles, match_whole, min_areas
 
@@ -46,7 +47,8 @@ class Matcher:
     on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took. The
     `photographs` that were used last are not looked at again when they come in another pair; each takes some 30 MB.
     What networks found in earlier ones, and in windows of photographs whose regions are carried, is put into the folder
-    `aside`, which the caller makes and removes.
+    `aside`, which the caller makes and removes. `workers` are processes that make the tiles of large pairs
+    (`zpm2.batch.TileEngine`); they need `kept`, and methods of the configuration or given regions.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Matcher:
         kept: str | Path | None = None,
         photographs: int = 0,
         aside: str | Path | None = None,
+        workers: TileWorkers | None = None,
     ) -> None:
         self.config = configuration.as_config(config)
         self.progress, self.say = progress, say
@@ -67,6 +70,15 @@ class Matcher:
         self._whole = PairMatcher(self.config, segmenter=segmenter, points=points, progress=self._tell, say=say)
         self._quiet = 0  # how many iterations over many pairs are going on
         self._points, self._segmenter_given = points, segmenter is not None
+        own = segmenter if isinstance(segmenter, tuple) else (segmenter,)
+        foreign = points is not None or not all(each is None or isinstance(each, PolygonSource) for each in own)
+        if workers is not None and foreign:
+            raise ConfigError("workers cannot take a segmenter or point matcher that is an object: name it instead")
+        self._workers = workers
+        self.keep(photographs, aside)
+
+    def keep(self, photographs: int, aside: str | Path | None = None) -> None:
+        """Forget all photographs; from now on keep so many, and put others `aside`, as when the matcher was made."""
         shelf = None if aside is None else Shelf(Path(aside), 1e9 * self.config.tracks.on_disk)
         self._photographs = KeptPhotos(photographs, shelf)
         self._carried = self._photographs if self._photographs.most >= LAST_TWO else KeptPhotos(LAST_TWO)
@@ -147,7 +159,7 @@ class Matcher:
 
     def _in_tiles(self, sources: tuple[Source, Source], said: list[str]) -> MatchResult:
         smallest = min_areas(sources, self.config)
-        run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said)
+        run = TiledRun(sources, smallest, self._whole, self._points, self.say, self.kept, said, self._workers)
         return run.result().with_gis_messages()
 
     def _tell(self, stage: str, share: float) -> None:
@@ -230,13 +242,15 @@ def match(
     seed: int | None = None,
     max_memory: str | None = None,
     kept: str | Path | None = None,
+    workers: TileWorkers | None = None,
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
 ) -> MatchResult:
     """Match the polygons of one pair of photographs of any size. For many pairs, keep a `Matcher`.
 
     The options are those of `zpm2 match`. `config` is a whole configuration or the name of a preset, and takes the
-    place of `preset`; the other options are laid over it. `kept`, `progress` and `say` are those of `Matcher`.
+    place of `preset`; the other options are laid over it. `kept`, `workers`, `progress` and `say` are those of
+    `Matcher`.
     `ConfigError` for a value that does not exist; other errors as from `Matcher`.
     """
     check_method(method)
@@ -260,7 +274,8 @@ def match(
         },
     )
     own = own_regions(segmenter, left_regions, right_regions, chosen)
-    result = open_method(method, chosen, segmenter=own, kept=kept, progress=progress, say=say)(left, right)
+    opened_method = open_method(method, chosen, segmenter=own, kept=kept, workers=workers, progress=progress, say=say)
+    result = opened_method(left, right)
     result = result.flatten() if non_overlapping else result
     return result.with_outlines() if outlines else result
 
@@ -308,14 +323,15 @@ def open_method(
     *,
     segmenter: Segmenter | tuple[Segmenter, Segmenter] | None = None,
     kept: str | Path | None = None,
+    workers: TileWorkers | None = None,
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
 ) -> PairFunction:
     """The method of that name (`METHODS`) as a function of two photographs. Arguments are those of `Matcher`; a
-    baseline knows no tiles and needs no `kept`. `ConfigError` for an unknown name."""
+    baseline knows no tiles, and needs neither `kept` nor `workers`. `ConfigError` for an unknown name."""
     check_method(name)
     if name == "zpm2":
-        return Matcher(config, segmenter=segmenter, progress=progress, say=say, kept=kept)
+        return Matcher(config, segmenter=segmenter, progress=progress, say=say, kept=kept, workers=workers)
     return baselines.BaselineMatcher(name, config, segmenter=segmenter, progress=progress, say=say)
 
 

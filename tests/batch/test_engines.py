@@ -12,7 +12,7 @@ from pair_stubs import LENGTHS, content, counted, listed
 from zpm2 import batch
 from zpm2.batch.engines.engine import Engine
 from zpm2.batch.job import Job
-from zpm2.batch.results import PairRow
+from zpm2.batch.results import Row
 from zpm2.batch.supply import Supply
 from zpm2.batch.worker import Worker
 from zpm2.config import assign, preset
@@ -28,7 +28,7 @@ class Here:
 
     workers = 1
 
-    def run(self, job: Job, supply: Supply) -> Generator[PairRow, None, None]:
+    def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
         worker = Worker(job)
         while block := supply.next():
             for message in worker.do(list(block)):
@@ -172,7 +172,7 @@ def test_the_index_grows_while_the_run_goes_on(tmp_path: Path, monkeypatch: pyte
     out, seen, said = tmp_path / "out", list[int](), list[str]()
 
     class Watched(Here):
-        def run(self, job: Job, supply: Supply) -> Generator[PairRow, None, None]:
+        def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
             for row in super().run(job, supply):
                 seen.append(len(batch.read_index(out)) if (out / "index.parquet").exists() else 0)
                 yield row
@@ -188,7 +188,7 @@ def test_one_run_at_a_time_but_for_shards(tmp_path: Path) -> None:
     pairs, out = listed(tmp_path, "ab"), tmp_path / "out"
 
     class Greedy(Here):
-        def run(self, job: Job, supply: Supply) -> Generator[PairRow, None, None]:
+        def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
             with pytest.raises(OutputError, match="another run"):
                 batch.run(pairs, job, engine=Here())
             yield from super().run(job, supply)
@@ -198,8 +198,10 @@ def test_one_run_at_a_time_but_for_shards(tmp_path: Path) -> None:
 
 def test_misuse_is_said(tmp_path: Path) -> None:
     pairs = listed(tmp_path, "ab")
-    with pytest.raises(ConfigError, match="zpm2 tracks matches its pairs"):
+    with pytest.raises(ConfigError, match="--command tracks takes a list of groups, not of pairs"):
         batch.run(pairs, Job(str(tmp_path / "out"), "tracks"))
+    with pytest.raises(ConfigError, match="for the groups of a list"):
+        batch.run(pairs, Job(str(tmp_path / "out"), "tracks", way="list.txt"))
     with pytest.raises(ConfigError, match="did you mean 'match'"):
         batch.run(pairs, Job(str(tmp_path / "out"), "macth"))
     with pytest.raises(ConfigError, match="needs --regions"):

@@ -1,14 +1,15 @@
-"""What is done with each pair: match, pose, carry, or a class of your own at a dotted path."""
+"""What is done with each pair: match, pose, carry, or a class of your own at a dotted path; and tracks of groups."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol, TypeVar, cast
 
 from zpm2.api import Matcher
+from zpm2.batch.entries import Entry, Group, Pair, TileEntry
 from zpm2.batch.job import Job
-from zpm2.batch.pair_list import Pair
+from zpm2.batch.results import results_in
 from zpm2.batch.tables import Columns, Value
 from zpm2.errors import Failed, Zpm2Error
 from zpm2.photos.source import ImageLike
@@ -16,29 +17,38 @@ from zpm2.plugins import value_at
 from zpm2.pose import PoseFinder, PoseResult, find
 from zpm2.result import MatchResult
 from zpm2.runtime import resolve_device
+from zpm2.tracking import tracks
+from zpm2.tracking.matches import KEPT
+from zpm2.tracking.result import SHEETS
 
 
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """The result of a pair."""
+    """The result of a pair, or of a group."""
 
     write: Callable[[Path], object]  # its files, into a folder
     found: Mapping[str, Value]  # its row of the index, by the columns of the command
     seconds: float
 
 
-class PairCommand(Protocol):
-    """What is done with each pair. A class of this form, made with a `Job`, may be given as package.module:Class."""
+E = TypeVar("E", contravariant=True)
+
+
+class Command(Protocol[E]):
+    """What is done with each entry of a list."""
 
     @property
     def columns(self) -> Columns:
-        """What the index says of a pair: names and kinds."""
+        """What the index says of an entry: names and kinds."""
         ...
 
-    def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
-        """One for each pair, in their order; an error for a pair that has no result. What is raised is wrong with the
-        pair after the last result, or, a `Zpm2Error` before any pair was taken, with all."""
+    def results(self, entries: Iterable[E], /) -> Iterator[Finished | Zpm2Error]:
+        """One for each entry, in their order; an error for one that has no result. What is raised is wrong with the
+        entry after the last result, or, a `Zpm2Error` before any entry was taken, with all."""
         ...
+
+
+PairCommand = Command[Pair]  # a class of this form, made with a `Job`, may be given as package.module:Class
 
 
 MATCH: Columns = {
@@ -59,6 +69,7 @@ POSE: Columns = {
     "flags": "text",
 }
 CARRY: Columns = {"regions": "int", "found": "int", "in_part": "int", "mean_confidence": "float", "warnings": "int"}
+TRACKS: Columns = {"pairs": "int", "tracks": "int", "in_three": "int", "events": "int", "warnings": "int"}
 
 
 class Match:
@@ -71,7 +82,7 @@ class Match:
         self.matcher = Matcher(job.config, photographs=job.photographs)
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
-        """See `PairCommand`."""
+        """See `Command`."""
         for _, found in self.matched(pairs):
             yield found if isinstance(found, Zpm2Error) else self.finished(found)
 
@@ -114,7 +125,7 @@ class Pose(Match):
         self.finder = PoseFinder(job.config, device=resolve_device(job.config.device))
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
-        """See `PairCommand`."""
+        """See `Command`."""
         for pair, result in self.matched(pairs):
             try:
                 yield result if isinstance(result, Zpm2Error) else self.posed(pair, result)
@@ -152,7 +163,7 @@ class Carry:
         self.matcher = Matcher(job.config, photographs=job.photographs)
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
-        """See `PairCommand`."""
+        """See `Command`."""
         for pair in pairs:
             try:
                 yield self.carried(pair)
@@ -175,19 +186,54 @@ class Carry:
         return Finished(lambda folder: result.save(folder, report=report), found, sum(result.timings.values()))
 
 
-def command_of(job: Job) -> PairCommand:
-    """The command of a job, ready for work; its models are loaded when the first pair comes."""
-    if ":" in job.command:
-        return cast(PairCommand, value_at(job.command, "command")(job))
-    built_in: dict[str, Callable[[Job], PairCommand]] = {"match": Match, "pose": Pose, "carry": Carry}
-    return built_in[job.command](job)
+class Tracks:
+    """Regions followed through the photographs of each group, as by `zpm2 tracks`. No track is a result, too.
+
+    Finished pairs of photographs stay in the folder of the group, from which its next try goes on.
+    """
+
+    columns = TRACKS
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.matcher = Matcher(job.config)
+        self.folders = results_in(job.out, job.kind)
+
+    def results(self, groups: Iterable[Group]) -> Iterator[Finished | Zpm2Error]:
+        """See `Command`."""
+        for group in groups:
+            try:
+                yield self.followed(group)
+            except Zpm2Error as error:
+                yield error
+
+    def followed(self, group: Group) -> Finished:
+        """The tracks of a group."""
+        job, folder = self.job, self.folders.folder(group.name)
+        kept = None if folder is None else folder / KEPT
+        result = tracks(group.photographs, job.config, pairs=job.way, matcher=self.matcher, kept=kept)
+        found: dict[str, Value] = {
+            "pairs": len(result.pairs),
+            "tracks": len(result.tracks),
+            "in_three": sum(count for photographs, count in result.lengths().items() if photographs >= 3),
+            "events": len(result.events),
+            "warnings": len(result.warnings),
+        }
+        sheets = SHEETS if job.pictures else 0
+        return Finished(lambda folder: result.save(folder, sheets, job.report), found, sum(result.timings.values()))
+
+
+def command_of(job: Job) -> Command[Entry | TileEntry]:
+    """The command of a job, ready for work; its models are loaded when the first pair comes. It is given entries
+    of its own kind (`Job.kind`)."""
+    own = value_at(job.command, "command") if ":" in job.command else _BUILT_IN[job.command]
+    return cast(Command[Entry | TileEntry], own(job))
 
 
 def columns_of(job: Job) -> Columns:
-    """What the index says of a pair beside that which it says of all."""
-    if ":" in job.command:
-        return cast(Columns, value_at(job.command, "command").columns)
-    return {"match": MATCH, "pose": POSE, "carry": CARRY}[job.command]
+    """What the index says of an entry beside that which it says of all."""
+    own = value_at(job.command, "command") if ":" in job.command else _BUILT_IN[job.command]
+    return cast(Columns, own.columns)
 
 
 def _pose(result: PoseResult) -> dict[str, Value]:
@@ -199,3 +245,11 @@ def _pose(result: PoseResult) -> dict[str, Value]:
         "translation": None if shift is None else [float(v) for v in shift],
         "flags": f"failed: {pose}" if isinstance(pose, Failed) else " ".join(pose.flags),
     }
+
+
+_BUILT_IN: dict[str, type[Match | Pose | Carry | Tracks]] = {
+    "match": Match,
+    "pose": Pose,
+    "carry": Carry,
+    "tracks": Tracks,
+}

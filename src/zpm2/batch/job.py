@@ -1,19 +1,22 @@
-"""What is done with each pair of a list: settings that travel to the processes that do it."""
+"""What is done with each pair or group of a list: settings that travel to the processes that do it."""
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
-from zpm2.batch.pair_list import Pair
+from zpm2.batch.entries import Entry, Kind, Pair, TileEntry
 from zpm2.config import Config, preset
 from zpm2.errors import ConfigError, did_you_mean
 from zpm2.files.keys import code_of, key, stamp
 from zpm2.formats.regions.region import split_layer
 from zpm2.pipeline import matching_part, plugin_code
 from zpm2.plugins import module_of, value_at
+from zpm2.tracking.pairs import WAYS, database_beside
 
-COMMANDS = ("match", "pose", "carry")
+COMMANDS = ("match", "pose", "carry", "tracks")
+TILES = "zpm2.batch.tiles:Tiles"  # the command for tiles of a large pair
 MACHINE = ("device", "max_memory")  # parts of the configuration that change no result
 
 
@@ -26,27 +29,31 @@ class Job:
     config: Config = field(default_factory=lambda: preset("default"))
     formats: tuple[str, ...] = ()  # of `match`, as `MatchResult.save` takes them
     report: bool = False  # whether each result gets its report.html
-    pictures: bool = False  # whether `match` and `pose` write overlay.png and unmatched.png
+    pictures: bool = False  # overlay.png and unmatched.png of `match` and `pose`, contact sheets of `tracks`
     regions: str | None = None  # of `carry`, for pairs whose list names none
     rigid: bool = False  # of `carry`
     k: str | None = None  # of `pose`, for pairs whose list names none
     k2: str | None = None
     centers: float = 0.5  # px
+    way: str = "auto"  # of `tracks`, which photographs of a group are matched (`tracking.pairs.WAYS`)
     at_once: int = 2  # pairs in work in each process, see `Matcher.match_many`
     photographs: int = 8  # that each process keeps
 
     def check(self) -> None:
-        """`ConfigError` for a command that does not exist."""
-        if self.command == "tracks":
-            raise ConfigError(
-                "--command tracks: tracks belong to many photographs, not to a pair: zpm2 tracks matches its pairs and "
-                "goes on after an interruption, too"
-            )
+        """`ConfigError` for a command that does not exist, or one of its settings."""
+        if self.command == "tracks" and self.way not in WAYS:
+            raise ConfigError(f"--pairs {self.way}: for the groups of a list, give one of {', '.join(WAYS)}")
         if ":" not in self.command and self.command not in COMMANDS:
             raise ConfigError(
                 f"unknown command '{self.command}'{did_you_mean(self.command, COMMANDS)}; commands are: "
                 f"{', '.join(COMMANDS)}"
             )
+
+    @property
+    def kind(self) -> Kind:
+        """What it is done with."""
+        kinds: dict[str, Kind] = {"tracks": "group", TILES: "tile"}
+        return kinds.get(self.command, "pair")
 
     def made_with(self) -> str:
         """The key of all that the pairs have in common."""
@@ -54,7 +61,8 @@ class Job:
         settings = matching_part(self.config) if self.command == "match" else everything
         foreign = code_of(module_of(value_at(self.command, "command"))) if ":" in self.command else ""
         plain = self.command, self.formats, self.report, self.pictures, self.rigid, self.centers
-        return key((), settings, *plugin_code(self.config), foreign, *plain)
+        way = [self.way] if self.command == "tracks" else []
+        return key((), settings, *plugin_code(self.config), foreign, *plain, *way)
 
     def filled(self, pair: Pair) -> Pair:
         """The pair with what the job gives to those that lack it. `ConfigError` where regions are to be carried and
@@ -67,19 +75,26 @@ class Job:
 
 
 class Task(NamedTuple):
-    """A pair to be done."""
+    """A pair, a group or a tile to be done."""
 
-    pair: Pair
+    entry: Entry | TileEntry
     key: str  # of what its result is made from
 
 
-def tasks(job: Job, pairs: Iterable[Pair]) -> list[Task]:
-    """The pairs with the keys of their results: of the photographs, regions and cameras, and of all that `job` says. A
-    photograph is read once, however many pairs it is in."""
+def tasks(job: Job, entries: Iterable[Entry]) -> list[Task]:
+    """The pairs or groups with the keys of their results: of the photographs, regions and cameras, and of all that
+    `job` says. A photograph is read once, however many pairs it is in."""
     base, known = job.made_with(), functools.cache(stamp)
     found = []
-    for pair in map(job.filled, pairs):
-        regions, layer = (None, None) if pair.regions is None else split_layer(pair.regions)
-        files = [known(str(file)) for file in (pair.left, pair.right, regions, pair.k, pair.k2) if file is not None]
-        found.append(Task(pair, key((), base, files, layer, pair.k, pair.k2)))
+    for entry in entries:
+        files: Sequence[str | Path | None]
+        more: Sequence[str | None] = ()
+        if isinstance(entry, Pair):
+            entry = job.filled(entry)
+            regions, layer = (None, None) if entry.regions is None else split_layer(entry.regions)
+            files, more = (entry.left, entry.right, regions, entry.k, entry.k2), (layer, entry.k, entry.k2)
+        else:
+            files = (*entry.photographs, database_beside(entry.photographs[0]) if job.way == "colmap" else None)
+        stamps = [known(str(file)) for file in files if file is not None]
+        found.append(Task(entry, key((), base, stamps, *more)))
     return found

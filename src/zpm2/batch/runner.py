@@ -1,4 +1,4 @@
-"""A list of pairs by one call: what is finished is taken over, the rest is done, and all of it is in one index."""
+"""A list by one call: what is finished is taken over, the rest is done, and all of it is in one index."""
 
 import dataclasses
 import hashlib
@@ -13,9 +13,11 @@ from zpm2.batch import remote
 from zpm2.batch.commands import columns_of
 from zpm2.batch.engines.engine import Engine
 from zpm2.batch.engines.processes import Processes
+from zpm2.batch.entries import Entry, to_csv
+from zpm2.batch.group_list import read_groups
 from zpm2.batch.job import Job, Task, tasks
-from zpm2.batch.pair_list import Pair, part_of, read_pairs, to_csv
-from zpm2.batch.results import DONE, FAILED, INDEX, MISSING, PairRow, results_in
+from zpm2.batch.pair_list import part_of, read_pairs
+from zpm2.batch.results import DONE, FAILED, INDEX, MISSING, Row, results_in
 from zpm2.batch.supply import Supply
 from zpm2.batch.tables import Columns, IndexTable, Value, joined, read_columns, read_note
 from zpm2.errors import ConfigError, InputError
@@ -24,26 +26,18 @@ from zpm2.files.writing import atomic_write, claim, results_folder
 from zpm2.formats.parquet import require_pyarrow
 from zpm2.runtime import Progress
 
-SHARDS, LIST = "shards", "pairs.csv"
+SHARDS = "shards"
 SCHEMA = "zpm2-batch-index/1"
 FIRST, LAST = 10.0, 300.0  # s, between two states of the index, at the beginning and at most
 SAY = 30.0  # s, between two lines about progress
-COMMON: Columns = {
-    "row": "int",
-    "pair": "text",
-    "left": "text",
-    "right": "text",
-    "status": "text",
-    "reason": "text",
-    "seconds": "float",
-}
+STATE: Columns = {"status": "text", "reason": "text", "seconds": "float"}
 
 
 @dataclass(frozen=True)
 class BatchSummary:
-    """What became of a list of pairs, or of a shard of one."""
+    """What became of a list of pairs or groups, or of a shard of one."""
 
-    pairs: int
+    pairs: int  # or groups
     done: int  # reused ones included
     reused: int  # from an earlier run
     failed: int
@@ -58,7 +52,7 @@ class BatchSummary:
 
 
 def run(
-    pairs: Sequence[Pair] | str | Path,
+    pairs: Sequence[Entry] | str | Path,
     job: Job,
     *,
     engine: Engine | None = None,
@@ -71,7 +65,8 @@ def run(
 
         zpm2.batch.run("pairs.csv", zpm2.batch.Job("out"), engine=zpm2.batch.Processes(4))
 
-    pairs: of `read_pairs` or `pairs_of_folder`, or the place of a table for `read_pairs`.
+    pairs: of `read_pairs` or `pairs_of_folder`, or the place of a table for `read_pairs`; for the command tracks,
+    groups of `read_groups` or `groups_of_folder`. What is said of pairs here holds for groups, too.
 
     A pair whose result is there, of the same photographs, settings and code, is not done again; one that failed is. A
     pair that fails is a row of the index with its reason. `retries`: how often a pair is tried again whose process died
@@ -92,9 +87,9 @@ def run(
         todo = index.take(tasks(job, [listed[row] for row in chosen]))
         progress("list", 1.0)
         if index.reused:
-            say(f"{index.reused} of {len(chosen)} pairs are finished already")
+            say(f"{index.reused} of {len(chosen)} {job.kind}s are finished already")
         if todo:
-            tell = _Teller(len(todo), progress, say)
+            tell = _Teller(len(todo), f"{job.kind}s", progress, say)
             with closing(engine.run(job, Supply(job, todo, engine.workers, retries))) as rows:
                 for row in rows:
                     index.add(row)
@@ -105,7 +100,7 @@ def run(
     return index.summary(start, shard is None)
 
 
-def merge(pairs: Sequence[Pair] | str | Path, job: Job) -> BatchSummary:
+def merge(pairs: Sequence[Entry] | str | Path, job: Job) -> BatchSummary:
     """Write the index of what there is of a list, whoever did it; pairs that nobody has done are rows, too (`MISSING`).
 
     Shards do it themselves when the last one ends. `OutputError` while an unsharded run is at work there.
@@ -118,11 +113,13 @@ def merge(pairs: Sequence[Pair] | str | Path, job: Job) -> BatchSummary:
     return index.summary(start, True)
 
 
-def save_list(pairs: Sequence[Pair], out: str | Path) -> str:
-    """Write a list of pairs as pairs.csv into a folder or store, for `read_pairs`; returns its place."""
-    place = f"{str(out).rstrip('/')}/{LIST}"
+def save_list(pairs: Sequence[Entry], out: str | Path) -> str:
+    """Write a list as pairs.csv (groups.csv) into a folder or store, for `read_pairs` (`read_groups`); returns its
+    place."""
+    name = f"{pairs[0].kind if pairs else 'pair'}s.csv"
+    place = f"{str(out).rstrip('/')}/{name}"
     if not remote.is_address(place):
-        claim(out, [LIST])
+        claim(out, [name])
     _write(place, to_csv(pairs).encode())
     return place
 
@@ -140,13 +137,13 @@ def read_index(place: str | Path) -> list[dict[str, object]]:
 class _Index:
     """The index of a run, which is written again and again while it grows, and the lock on its folder."""
 
-    def __init__(self, job: Job, pairs: Sequence[Pair], rows: range, shard: str | None) -> None:
-        self.job, self.pairs, self.rows = job, pairs, rows
+    def __init__(self, job: Job, entries: Sequence[Entry], rows: range, shard: str | None) -> None:
+        self.job, self.entries, self.rows = job, entries, rows
         self.place = _place(job.out, shard)
-        self.note = {"schema": SCHEMA, "made_with": job.made_with(), "list": _digest(pairs)}
+        self.note = {"schema": SCHEMA, "made_with": job.made_with(), "list": _digest(entries)}
         self.done = self.failed = self.reused = 0
-        self._table = IndexTable({**COMMON, **columns_of(job)})
-        self._row_of = {pairs[row].name: row for row in rows}
+        self._table = IndexTable({"row": "int", **entries[0].columns, **STATE, **columns_of(job)})
+        self._row_of = {entries[row].name: row for row in rows}
         self._begun = self._written = time.monotonic()
         self._held = ExitStack()
 
@@ -165,25 +162,23 @@ class _Index:
 
     def take(self, listed: Sequence[Task], every: bool = False) -> list[Task]:
         """Adds the rows of pairs that are finished, or of `every` one as it is; returns those to be done."""
-        results, todo = results_in(self.job.out), list[Task]()
+        results, todo = results_in(self.job.out, self.job.kind), list[Task]()
         for task in listed:
-            row = results.row(task.pair.name, task.key)
+            row = results.row(task.entry.name, task.key)
             if row is not None and row.status == DONE:
                 self.reused += 1
                 self.add(row)
             elif every:
-                self.add(row or PairRow(task.pair.name, MISSING))
+                self.add(row or Row(task.entry.name, MISSING))
             else:
                 todo.append(task)
         return todo
 
-    def add(self, row: PairRow) -> None:
+    def add(self, row: Row) -> None:
         """Adds a row. The file is renewed after a tenth of the time that the run took so far."""
         number = self._row_of[row.name]
-        pair = self.pairs[number]
-        common: dict[str, Value] = {"row": number, "pair": pair.name, "left": pair.left, "right": pair.right}
-        common |= {"status": row.status, "reason": row.reason, "seconds": row.seconds}
-        self._table.add({**common, **row.found})
+        state: dict[str, Value] = {"status": row.status, "reason": row.reason, "seconds": row.seconds}
+        self._table.add({"row": number, **self.entries[number].told(), **state, **row.found})
         self.done += row.status == DONE
         self.failed += row.status == FAILED
         now = time.monotonic()
@@ -207,30 +202,29 @@ class _Index:
 class _Teller:
     """Tells how far a run is, how fast, and how long it will take."""
 
-    def __init__(self, count: int, progress: Progress, say: Callable[[str], None]) -> None:
-        self.count, self.progress, self.say = count, progress, say
+    def __init__(self, count: int, what: str, progress: Progress, say: Callable[[str], None]) -> None:
+        self.count, self.what, self.progress, self.say = count, what, progress, say
         self.done = self.failed = 0
         self.begun = self.said = time.monotonic()
-        progress("pairs", 0.0)
+        progress(what, 0.0)
 
-    def __call__(self, row: PairRow) -> None:
+    def __call__(self, row: Row) -> None:
         self.done += 1
         self.failed += row.status != DONE
         now = time.monotonic()
-        self.progress("pairs", self.done / self.count)
+        self.progress(self.what, self.done / self.count)
         if row.status != DONE:
             self.say(f"{row.name}: {row.reason}")
         if now - self.said >= SAY and self.done < self.count:
             self.said = now
             rate = self.done / (now - self.begun)
             self.say(
-                f"{self.done} of {self.count} pairs, {self.failed} failed, {_rate(rate)}, "
+                f"{self.done} of {self.count} {self.what}, {self.failed} failed, {self._rate(rate)}, "
                 f"{_span((self.count - self.done) / rate)} left"
             )
 
-
-def _rate(per_second: float) -> str:
-    return f"{per_second:.2g} pairs/s" if per_second >= 1 else f"{60 * per_second:.2g} pairs/min"
+    def _rate(self, per_second: float) -> str:
+        return f"{per_second:.2g} {self.what}/s" if per_second >= 1 else f"{60 * per_second:.2g} {self.what}/min"
 
 
 def _span(seconds: float) -> str:
@@ -238,18 +232,21 @@ def _span(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min" if minutes else "1 min"
 
 
-def _checked(pairs: Sequence[Pair] | str | Path, job: Job) -> Sequence[Pair]:
+def _checked(pairs: Sequence[Entry] | str | Path, job: Job) -> Sequence[Entry]:
     """The pairs. Errors are those that would stop the run later."""
     require_pyarrow("the index of a batch")
     job.check()
-    listed = read_pairs(pairs) if isinstance(pairs, str | Path) else pairs
+    read: Callable[[str | Path], Sequence[Entry]] = read_groups if job.kind == "group" else read_pairs
+    listed = read(pairs) if isinstance(pairs, str | Path) else pairs
     if not listed:
-        raise InputError("the list holds no pairs: give one that does")
+        raise InputError(f"the list holds no {job.kind}s: give one that does")
+    if listed[0].kind != job.kind:
+        raise ConfigError(f"--command {job.command} takes a list of {job.kind}s, not of {listed[0].kind}s")
     return listed
 
 
-def _digest(pairs: Sequence[Pair]) -> str:
-    return hashlib.sha256(to_csv(pairs).encode()).hexdigest()[:16]
+def _digest(entries: Sequence[Entry]) -> str:
+    return hashlib.sha256(to_csv(entries).encode()).hexdigest()[:16]
 
 
 def _place(out: str, shard: str | None = None) -> str:

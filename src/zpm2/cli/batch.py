@@ -2,11 +2,13 @@
 
 import json
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from zpm2.cli.console import bars, warn
+from zpm2.cli.engines import Address, EngineName, Gpus, Workers, check_engine, open_engine
 from zpm2.cli.options import (
     CAMERAS,
     METHOD,
@@ -33,22 +35,22 @@ from zpm2.cli.options import (
     registered_segmenters,
     use_weights,
 )
-from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.batch import BatchSummary
-    from zpm2.batch.engines.engine import Engine
+    from zpm2.batch.entries import Entry
 
 WAYS = ("auto", "sequential", "exhaustive", "exif-gps", "colmap")
-COMMANDS = ("match", "pose", "carry")
-LIST = "pairs.csv"  # that is made of a folder
+COMMANDS = ("match", "pose", "carry", "tracks")
 
 
 def batch(
     pairs: Annotated[
         str,
         typer.Argument(
-            metavar="PAIRS", help="A list (.csv or .parquet with columns left and right), or a folder of photographs."
+            metavar="PAIRS",
+            help="A list (.csv or .parquet with columns left and right), or a folder of photographs. For tracks: with "
+            "columns group and photograph, or a folder of folders.",
         ),
     ],
     out: Annotated[
@@ -57,7 +59,8 @@ def batch(
     command: Annotated[
         str,
         typer.Option(
-            help="What is done with each pair: match, pose, carry, or package.module:Class.",
+            help="What is done with each pair: match, pose, carry, or package.module:Class; with each group of "
+            "photographs: tracks.",
             rich_help_panel=METHOD,
             autocompletion=one_of(lambda: COMMANDS),
         ),
@@ -67,16 +70,16 @@ def batch(
         typer.Option(
             "--pairs",
             metavar="WAY",
-            help="Of a folder, which photographs make pairs: auto, sequential, exhaustive, exif-gps, colmap, or a file "
-            "(as of zpm2 tracks).",
+            help="Of a folder, or of each group, which photographs make pairs: auto, sequential, exhaustive, exif-gps, "
+            "colmap; of a folder also a file (as of zpm2 tracks).",
             rich_help_panel=METHOD,
             autocompletion=one_of(lambda: WAYS),
         ),
     ] = "auto",
     list_only: Annotated[
-        bool, typer.Option("--list-only", help=f"Of a folder, only write {LIST}.", rich_help_panel=RUN)
+        bool, typer.Option("--list-only", help="Of a folder, only write the list.", rich_help_panel=RUN)
     ] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes, each with the models.", rich_help_panel=RUN)] = 1,
+    workers: Workers = 1,
     shard: Annotated[
         str | None,
         typer.Option(metavar="I/N", help="Do only the I-th of N parts of the list.", rich_help_panel=RUN),
@@ -84,20 +87,9 @@ def batch(
     merge: Annotated[
         bool, typer.Option("--merge", help="Match nothing; write the index of what there is.", rich_help_panel=RUN)
     ] = False,
-    engine: Annotated[
-        str,
-        typer.Option(
-            help="local: processes of this machine; ray: actors of Ray (extra ray).",
-            rich_help_panel=RUN,
-            autocompletion=one_of(lambda: ("local", "ray")),
-        ),
-    ] = "local",
-    address: Annotated[
-        str | None, typer.Option(help="Ray cluster, or auto.  [default: start Ray here]", rich_help_panel=RUN)
-    ] = None,
-    gpus: Annotated[
-        float, typer.Option(min=0.0, help="GPUs of each Ray worker; four share one with 0.25.", rich_help_panel=RUN)
-    ] = 0.0,
+    engine: EngineName = "local",
+    address: Address = None,
+    gpus: Gpus = 0.0,
     retries: Annotated[
         int,
         typer.Option(
@@ -116,13 +108,13 @@ def batch(
         ),
     ] = None,
     page: Annotated[
-        bool, typer.Option("--report/--no-report", help="Write report.html of each pair.", rich_help_panel=RESULT)
+        bool, typer.Option("--report/--no-report", help="Write report.html of each result.", rich_help_panel=RESULT)
     ] = False,
     pictures: Annotated[
         bool,
         typer.Option(
             "--pictures/--no-pictures",
-            help="match, pose: write overlay.png and unmatched.png, most of the bytes of a pair.",
+            help="match, pose: write overlay.png and unmatched.png, most of the bytes of a pair; tracks: sheets.",
             rich_help_panel=RESULT,
         ),
     ] = False,
@@ -161,11 +153,11 @@ def batch(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Match many pairs, find their poses, or carry regions in them.
+    """Match many pairs, find their poses, carry regions in them, or follow regions in many groups of photographs.
 
-    Each pair gets a folder of its own in pairs/, with the files of that command; index.parquet has a row for each, and
-    grows while the run goes on. Start the same command again to go on after an interruption. If a pair failed, its row
-    says why, the others are done, and the exit code is 1.
+    Each pair gets a folder of its own in pairs/ (each group in groups/), with the files of that command; index.parquet
+    has a row for each, and grows while the run goes on. Start the same command again to go on after an interruption. If
+    a pair failed, its row says why, the others are done, and the exit code is 1.
     """
     from zpm2 import batch as batches
 
@@ -183,54 +175,46 @@ def batch(
     check_formats(formats or [])
     use_weights(weights_dir)
     allow_vrt(allowed)
-    if (engine == "local") and (address is not None or gpus):
-        raise ConfigError("--address and --gpus are of --engine ray: give it, too")
+    check_engine(engine, address, gpus)
     regions = None if regions is None else os.path.abspath(regions)
-    job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2)
+    job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2, way=way)
     job.check()
     with bars(quiet or as_json) as (progress, say):
-        if os.path.isdir(pairs):
+        listed: Sequence[Entry]
+        if job.kind == "group":
+            listed = batches.groups_of_folder(pairs) if os.path.isdir(pairs) else batches.read_groups(pairs)
+        elif os.path.isdir(pairs):
             listed, warnings = batches.pairs_of_folder(pairs, way, config, progress)
             warn(warnings)
         else:
             listed = batches.read_pairs(pairs)
         if list_only:
             place = batches.save_list(listed, out)
-            print(f"{len(listed)} pairs in {place}")
+            print(f"{len(listed)} {job.kind}s in {place}")
             return
         if merge:
             found = batches.merge(listed, job)
         else:
-            hands = _engine(engine, workers, address, gpus)
+            hands = open_engine(engine, workers, address, gpus)
             try:
                 found = batches.run(listed, job, engine=hands, shard=shard, retries=retries, progress=progress, say=say)
             except KeyboardInterrupt as stop:
-                stop.add_note(f"finished pairs are kept in {out}: run the same command again to go on")
+                stop.add_note(f"what is finished is kept in {out}: run the same command again to go on")
                 raise
-    _report(found, quiet, as_json)
+    _report(found, f"{job.kind}s", quiet, as_json)
     if found.failed:
         raise typer.Exit(1)
 
 
-def _engine(name: str, workers: int, address: str | None, gpus: float) -> "Engine":
-    from zpm2 import batch as batches
-
-    if name == "local":
-        return batches.Processes(workers)
-    if name == "ray":
-        return batches.RayEngine(workers, address, gpus=gpus)
-    raise ConfigError(f"--engine {name}: give local or ray")
-
-
-def _report(found: "BatchSummary", quiet: bool, as_json: bool) -> None:
+def _report(found: "BatchSummary", what: str, quiet: bool, as_json: bool) -> None:
     if as_json:
-        values = {"pairs": found.pairs, "done": found.done, "reused": found.reused, "failed": found.failed}
+        values = {what: found.pairs, "done": found.done, "reused": found.reused, "failed": found.failed}
         values |= {"missing": found.missing, "complete": found.complete}
         print(json.dumps({**values, "seconds": round(found.seconds, 2), "index": found.index}))
     elif not quiet:
         missing = f", {found.missing} not done yet" if found.missing else ""
         print(
-            f"{found.done} of {found.pairs} pairs done ({found.reused} of an earlier run), {found.failed} failed"
+            f"{found.done} of {found.pairs} {what} done ({found.reused} of an earlier run), {found.failed} failed"
             f"{missing}; {found.seconds:.1f} s"
         )
         print(f"Index: {found.index}" + ("" if found.complete else ", of this shard; others are not complete yet"))

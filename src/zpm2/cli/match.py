@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 import typer
 
 from zpm2.cli.console import bars, fresh_folder, warn
+from zpm2.cli.engines import Address, EngineName, Gpus, check_engine, open_engine
 from zpm2.cli.options import (
     LARGE,
     METHOD,
@@ -143,6 +144,12 @@ def match(
     device: Device = None,
     seed: Seed = None,
     max_memory: MaxMemory = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes that make the tiles of a large pair.", rich_help_panel=LARGE)
+    ] = 1,
+    engine: EngineName = "local",
+    address: Address = None,
+    gpus: Gpus = 0.0,
     weights_dir: WeightsDir = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -165,11 +172,17 @@ def match(
     keep = check_masks(masks or [], mask_regions, [left, right])
     use_weights(weights_dir)
     allow_vrt(allowed)
+    check_engine(engine, address, gpus)
     regions = [path and split_layer(path)[0] for path in (left_regions, right_regions)]
     inputs = left, right, *regions
     names = [*file_names(formats or []), *([FOLDER] if masks else [])]
     folder = fresh_folder(out, *inputs, names=names, kept=TILES)
     with folder, bars(quiet or as_json) as (progress, say):
+        spread = None
+        if workers > 1 or engine != "local":
+            from zpm2.batch import TileEngine
+
+            spread = TileEngine(open_engine(engine, workers, address, gpus))
         result = api.match(
             left,
             right,
@@ -190,6 +203,7 @@ def match(
             device=device,
             seed=seed,
             kept=out / TILES,
+            workers=spread,
             progress=progress,
             say=say,
         )

@@ -151,6 +151,13 @@ def check_crs(crs: str, what: str) -> None:
         raise unknown from error
 
 
+def wkt2(crs: str) -> str:
+    """A reference system as WKT 2 (ISO 19162:2019)."""
+    from rasterio.crs import CRS
+
+    return str(CRS.from_user_input(crs).to_wkt(version="WKT2_2019"))
+
+
 def between(source: str, target: str, points: Array) -> Array:
     """(n, 2) coordinates of one reference system -> (n, 2) of another, x or longitude first, NaN where it is not
     defined."""

@@ -5,6 +5,7 @@ so that a region that lies in two tiles has only one partner.
 """
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from zpm2.config import Config
-from zpm2.errors import InputError
+from zpm2.errors import ConfigError, InputError
 from zpm2.features import PointMatcher, weights_notes
 from zpm2.files.photo_paths import absolute
 from zpm2.global_match import initial_geometry
@@ -30,9 +31,10 @@ from zpm2.segment.given.precomputed import PrecomputedSegmenter
 from zpm2.segment.protocol import PolygonSource, notes_of
 from zpm2.tiled.blocks import LargePair, match_blocks
 from zpm2.tiled.cells import cells, warped_by_cells
+from zpm2.tiled.elsewhere import TileOrder, TileWorkers
 from zpm2.tiled.join import given_regions, join_points, join_regions
 from zpm2.tiled.stitch import StitchedRegions
-from zpm2.tiled.tile import SIDES, Tile, TileCache, key
+from zpm2.tiled.tile import SIDES, Tile, TileCache, TilePart, key
 from zpm2.tiled.tile_matcher import TileMatcher, weights_only
 from zpm2.verify import judged, same_scene_matches
 
@@ -51,6 +53,7 @@ class TiledRun:
     say: Callable[[str], None] = lambda text: None
     cache: Path | None = None  # folder for finished tiles
     messages: list[str] = field(default_factory=list)  # warnings and notes for the result
+    workers: TileWorkers | None = None  # processes that make the tiles, in `cache`
 
     def result(self) -> MatchResult:
         """Match the pair."""
@@ -61,7 +64,9 @@ class TiledRun:
             segmenters = self.matcher.segmenters()
         given = (segmenters[0], segmenters[1]) if all(isinstance(s, PolygonSource) for s in segmenters) else None
         cache = self._cache()
-        finder = TileMatcher(self.sources, used, None if given else segmenters, self.points, progress, timer, cache)
+        elsewhere = None if self.workers is None else self._elsewhere(self.workers, used, given is not None, cache)
+        own = None if given else segmenters
+        finder = TileMatcher(self.sources, used, own, self.points, progress, timer, cache, elsewhere)
         tiles = finder.tiles()
         if cache.reused:
             self.say(f"{cache.reused} of {len(tiles)} tiles were finished by an earlier run")
@@ -109,6 +114,17 @@ class TiledRun:
             notes=notes,
             same_scene=initial.same_scene,
         )
+
+    def _elsewhere(
+        self, workers: TileWorkers, config: Config, given: bool, cache: TileCache
+    ) -> Callable[[Sequence[TilePart]], None]:
+        """Has tiles made by workers. `ConfigError` where those cannot see the photographs, or the folder of tiles."""
+        paths = [source.path for source in self.sources]
+        files = [os.path.abspath(path) for path in paths if path is not None and os.path.exists(path)]
+        if len(files) < 2 or cache.folder is None:
+            raise ConfigError("workers need photographs that are files, and a folder for finished tiles (`kept`)")
+        order = TileOrder((files[0], files[1]), config, given, os.path.abspath(cache.folder))
+        return lambda parts: workers.make(order, parts, self.say)
 
     def _cache(self) -> TileCache:
         """The finished tiles of this pair, configuration and code."""

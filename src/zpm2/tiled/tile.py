@@ -28,6 +28,22 @@ SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 Windows = tuple[Window | None, Window | None]  # of the left and the right photograph; None if it is not read
 
 
+@dataclass(frozen=True)
+class TilePart:
+    """Windows that make a tile. What is found in one does not depend on the others of its level."""
+
+    level: int
+    number: int  # in its level
+    windows: Windows
+    size: tuple[int, int] | None = None  # px, of the view of the right window; None: that of any window
+    turn: float = 0.0  # of that view (`view.read_view`)
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return f"{self.level}-{self.number}"
+
+
 @dataclass(frozen=True, eq=False)
 class Tile:
     """The regions and points of a pair of windows, or the regions of a single one."""
@@ -79,6 +95,10 @@ class TileCache:
     def __init__(self, folder: Path | None, key: str) -> None:
         self.folder = None if folder is None else folder / key
         self.reused = 0
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of that name."""
+        return self.folder is not None and (self.folder / f"{name}.json.gz").is_file()
 
     def load(self, name: str, windows: Windows) -> Tile | None:
         """The tile of that name; None if its file is missing, damaged, or belongs to other windows."""

@@ -34,7 +34,7 @@ from zpm2.tiled.predict import (
     partner_window,
     square_view,
 )
-from zpm2.tiled.tile import SIDES, Tile, TileCache, Windows, tile_of_pair, tile_without_partner
+from zpm2.tiled.tile import SIDES, Tile, TileCache, TilePart, Windows, tile_of_pair, tile_without_partner
 from zpm2.tiled.view import TileView, applied_turn, read_view, reduced_size
 
 
@@ -49,6 +49,7 @@ class TileMatcher:
     progress: Progress
     timer: StageTimer
     cache: TileCache
+    make_elsewhere: Callable[[Sequence[TilePart]], None] | None = None  # in other processes, into the cache
 
     def __post_init__(self) -> None:
         config, quiet = self.config, weights_only(self.progress)
@@ -76,12 +77,21 @@ class TileMatcher:
         found: list[Tile] = []
         points = PointMatches.empty()
         for level, level_windows in enumerate(layout):
-            here: list[Tile] = []
-            for n, window in enumerate(level_windows):
-                self.progress("tiles", min(1.0, (len(found) + len(here)) / total))
-                here.append(self._match(level, f"{level}-{n}", window, self._partner(level, window, points)))
+            parts = [
+                self._part(level, n, window, self._partner(level, window, points))
+                for n, window in enumerate(level_windows)
+            ]
             if level and self.config.tiles.outside and self.segmenters is not None:
-                here += self._unseen(level, [tile.windows[1] for tile in here], other[level], len(level_windows))
+                parts += self._unseen(level, [part.windows[1] for part in parts], other[level], len(level_windows))
+            missing = [part for part in parts if not self.cache.has(part.name)]
+            if self.make_elsewhere is not None and len(missing) > 1:
+                with self.timer("tiles"):
+                    self.make_elsewhere(missing)
+                self.cache.reused -= sum(self.cache.has(part.name) for part in missing)
+            here: list[Tile] = []
+            for part in parts:
+                self.progress("tiles", min(1.0, (len(found) + len(here)) / total))
+                here.append(self.tile(part))
             found += here
             chosen = self.config.tiles.partner
             fresh = PointMatches.join([tile.points for tile in here])
@@ -116,37 +126,40 @@ class TileMatcher:
                 return None
         return found
 
-    def _match(self, level: int, name: str, window: Window, partner: PartnerWindow | None) -> Tile:
-        """The tile of a left window and its partner."""
+    def _part(self, level: int, number: int, window: Window, partner: PartnerWindow | None) -> TilePart:
+        """A left window and its partner."""
         if partner is None:
-            return self._finished(name, (window, None), lambda both: self._alone(level, both))
+            return TilePart(level, number, (window, None))
         right = self.sources[1].width, self.sources[1].height
         if level == 0:
             target, size = partner.window, self._view_size(partner.window)
         else:
             target, size = square_view(partner, self._reduction(window), right, self.config.tiles)
         turn = 0.0 if thin(*size) else applied_turn(-partner.turn, self.config.tiles)
+        return TilePart(level, number, (window, target), size, turn)
 
-        def match(both: Windows) -> Tile:
-            with self.timer("read"):
-                views = (
-                    read_view(self.sources[0], window, self._view_size(window)),
-                    read_view(self.sources[1], target, size, turn),
-                )
-            return self._pair(level, both, views)
-
-        return self._finished(name, (window, target), match)
-
-    def _finished(self, name: str, both: Windows, match: Callable[[Windows], Tile]) -> Tile:
+    def tile(self, part: TilePart) -> Tile:
         """The tile of an earlier run, or else matched now and stored."""
-        tile = self.cache.load(name, both)
+        tile = self.cache.load(part.name, part.windows)
         if tile is None:
-            tile = match(both)
+            tile = self._matched(part)
             for stage, seconds in tile.seconds.items():
                 self.timer.seconds[stage] = self.timer.seconds.get(stage, 0.0) + seconds
-            self.cache.save(name, tile)
+            self.cache.save(part.name, tile)
             give_back_memory()
         return tile
+
+    def _matched(self, part: TilePart) -> Tile:
+        sides = zip(self.sources, part.windows, (None, part.size), (0.0, part.turn), strict=True)
+        with self.timer("read"):
+            views = [
+                None if window is None else read_view(source, window, size or self._view_size(window), turn)
+                for source, window, size, turn in sides
+            ]
+        left, right = views
+        if left is None or right is None:
+            return self._separate(part.level, part.windows, views)
+        return self._pair(part.level, part.windows, (left, right))
 
     def _pair(self, level: int, both: Windows, views: tuple[TileView, TileView]) -> Tile:
         images = views[0].image, views[1].image
@@ -157,14 +170,6 @@ class TileMatcher:
             matcher = self._points_only
         return tile_of_pair(level, both, views, matcher(*images))
 
-    def _alone(self, level: int, both: Windows) -> Tile:
-        """The tile of one window without a partner."""
-        views: list[TileView | None] = []
-        with self.timer("read"):
-            for source, window in zip(self.sources, both, strict=True):
-                views.append(None if window is None else read_view(source, window, self._view_size(window)))
-        return self._separate(level, both, views)
-
     def _separate(self, level: int, both: Windows, views: Sequence[TileView | None]) -> Tile:
         """The regions of windows that have nothing in common, where they are wanted."""
         start, found = perf_counter(), []
@@ -174,15 +179,12 @@ class TileMatcher:
             found.append((view, self._tile.regions(view.image, SIDES[k])) if segmented and view is not None else None)
         return tile_without_partner(level, both, found, perf_counter() - start)
 
-    def _unseen(self, level: int, seen: Sequence[Window | None], own: Sequence[Window], number: int) -> list[Tile]:
-        """Tiles for the right photograph's windows at that level that no left tile was compared with."""
+    def _unseen(self, level: int, seen: Sequence[Window | None], own: Sequence[Window], number: int) -> list[TilePart]:
+        """Parts for the right photograph's windows at that level that no left tile was compared with."""
         covered = [window for window in seen if window is not None]
         tiles = self.config.tiles
         alone = [window for window in own if _uncovered(window, covered, tiles.cover_cells) >= tiles.min_unseen]
-        return [
-            self._finished(f"{level}-{number + k}", (None, window), lambda both: self._alone(level, both))
-            for k, window in enumerate(alone)
-        ]
+        return [TilePart(level, number + k, (None, window)) for k, window in enumerate(alone)]
 
     def _view_size(self, window: Window) -> tuple[int, int]:
         """(width, height) px of the view of a window."""

@@ -52,7 +52,7 @@ def choose_pairs(
         if way == "exif-gps":
             raise InputError("--pairs exif-gps needs a position of every photograph, and not all the same: use auto")
         return _by_points(photographs, config, device, progress)
-    file = _database(photographs) if way == "colmap" else Path(way)
+    file = _database(photographs[0].path) if way == "colmap" else Path(way)
     if way == "colmap" or file.suffix.lower() in (".db", ".sqlite"):
         pairs, unknown = _named([(a, b) for a, b, _ in verified_pairs(file)], photographs)
         return _connected(photographs, pairs, "COLMAP's verified matches", _more(file, unknown))
@@ -164,10 +164,15 @@ def _listed(file: Path) -> list[tuple[str, str]]:
     return found
 
 
-def _database(photographs: Sequence[Photograph]) -> Path:
-    """The database of COLMAP beside the photographs, or one folder up."""
-    folder = Path(photographs[0].path).absolute().parent
-    for place in (folder / DATABASE, folder.parent / DATABASE):
-        if place.is_file():
-            return place
-    raise InputError(f"no {DATABASE} in {folder} or one folder up: give it as --pairs FILE.db")
+def database_beside(photograph: str) -> Path | None:
+    """The database of COLMAP beside a photograph, or one folder up; None where there is none."""
+    folder = Path(photograph).absolute().parent
+    return next((place for place in (folder / DATABASE, folder.parent / DATABASE) if place.is_file()), None)
+
+
+def _database(photograph: str) -> Path:
+    found = database_beside(photograph)
+    if found is None:
+        folder = Path(photograph).absolute().parent
+        raise InputError(f"no {DATABASE} in {folder} or one folder up: give it as --pairs FILE.db")
+    return found

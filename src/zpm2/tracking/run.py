@@ -29,6 +29,7 @@ def tracks(
     pairs: str | Path = "auto",
     segmenter: Segmenter | None = None,
     points: PointMatcher | None = None,
+    matcher: "api.Matcher | None" = None,
     kept: str | Path | None = None,
     progress: Progress = lambda stage, share: None,
     say: Callable[[str], None] = lambda text: None,
@@ -45,8 +46,10 @@ def tracks(
     kept: a folder for finished pairs: a run goes on from there if photographs, configuration and code are the same. The
     run also puts there, and removes in the end, what networks found in photographs that left the memory.
 
-    segmenter, points, progress and say are those of `Matcher`. `InputError` for photographs that cannot be read, that
-    are fewer than two or given twice, and where no pair is left; other errors are those of `Matcher`.
+    segmenter, points, progress and say are those of `Matcher`. matcher: one of the same configuration, whose networks
+    are loaded already, in place of a new one with these four; it forgets the photographs that it kept.
+    `InputError` for photographs that cannot be read, that are fewer than two or given twice, and where no pair is left;
+    other errors are those of `Matcher`.
     """
     chosen = configuration.as_config(config)
     timer = StageTimer(progress)
@@ -57,7 +60,7 @@ def tracks(
         way = choose_pairs(found, pairs, chosen, resolve_device(chosen.device), progress)
     store = Store(None if kept is None else Path(kept))
     with store.temporary() as aside:
-        work = _Work(found, chosen, segmenter, points, store, aside, progress, say)
+        work = _Work(found, chosen, segmenter, points, store, aside, progress, say, matcher)
         with timer("match"):
             matched = work.matched(way.pairs)
         matches = [match for n, (pair, each) in enumerate(matched.items()) for match in _track_matches(n, pair, each)]
@@ -113,12 +116,15 @@ class _Work:
         aside: Path | None,
         progress: Progress,
         say: Callable[[str], None],
+        matcher: "api.Matcher | None" = None,
     ) -> None:
         self.photographs, self.config, self.store, self.aside = photographs, config, store, aside
         self.progress, self.say = progress, say
         self._segmenter, self._points = segmenter, points
         self.messages: list[str] = []
-        self._matcher: api.Matcher | None = None
+        self._matcher = matcher
+        if matcher is not None:
+            matcher.keep(config.tracks.looked_at, aside)
         self._names = [each.name for each in (segmenter, points) if each is not None]
 
     def matched(self, pairs: Sequence[Pair]) -> dict[Pair, PairMatches]:

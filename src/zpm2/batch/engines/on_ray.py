@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from zpm2 import memory
 from zpm2.batch.job import Job, Task
-from zpm2.batch.results import PairRow
+from zpm2.batch.results import Row
 from zpm2.batch.supply import Supply
 from zpm2.batch.worker import Trouble, Worker
 from zpm2.errors import ConfigError, MissingDependency, Zpm2Error
@@ -26,7 +26,7 @@ class RayWorker:
         self.job = job
         self.worker: Worker | None = None
 
-    def do(self, block: list[Task]) -> Iterator[PairRow | Trouble | Zpm2Error]:
+    def do(self, block: list[Task]) -> Iterator[Row | Trouble | Zpm2Error]:
         """As `Worker.do`; an error that concerns all pairs comes last."""
         try:
             self.worker = self.worker or Worker(self.job)
@@ -61,7 +61,7 @@ class RayEngine:
             shown = ", ".join(f"{room.get(name, 0):g} {name}" for name in ("CPU", "GPU"))
             raise ConfigError(f"the Ray cluster has {shown}, and one worker takes {cpus:g} and {gpus:g}: ask for less")
 
-    def run(self, job: Job, supply: Supply) -> Generator[PairRow, None, None]:
+    def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
         """See `Engine`."""
         ray = self._ray
         nodes = sum(bool(node["Alive"]) for node in ray.nodes())

@@ -14,7 +14,7 @@ from typing import cast
 
 from zpm2 import memory
 from zpm2.batch.job import Job, Task
-from zpm2.batch.results import PairRow
+from zpm2.batch.results import Row
 from zpm2.batch.supply import Supply
 from zpm2.batch.worker import Trouble, Worker
 from zpm2.errors import Zpm2Error
@@ -43,7 +43,7 @@ class Processes:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(self, job: Job, supply: Supply) -> Generator[PairRow, None, None]:
+    def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
         """See `Engine`."""
         gpus = _gpus(job.config.device)
         crew = [_start(k, self.workers, job, gpus) for k in range(min(self.workers, len(supply)))]
@@ -66,7 +66,7 @@ class Processes:
                         continue
                     if isinstance(message, Zpm2Error):
                         raise message
-                    if isinstance(message, PairRow | Trouble):
+                    if isinstance(message, Row | Trouble):
                         yield from supply.told(hand.given, message)
                     elif message == MORE:
                         _give(hand, supply.next())
