@@ -57,11 +57,11 @@ def textured(gone=None):
     return Image(surface), Image(right)
 
 
-def carried(given, right_regions, known=None, names=None, images=None):
+def carried(given, right_regions, known=None, names=None, images=None, chosen=CONFIG):
     images = images or flat()
     segmenter = PaintedSegmenter([PaintedView(images[1], right_regions)])
     names = names or [str(k) for k in range(len(given))]
-    return pair.carry(images, np.array(given, object), names, geometry_of(known), segmenter, CONFIG)
+    return pair.carry(images, np.array(given, object), names, geometry_of(known), segmenter, chosen)
 
 
 def test_each_region_is_found_where_the_points_put_it():
@@ -159,6 +159,22 @@ def test_a_region_of_two_parts_keeps_both():
     (found,) = carried([parts], [Region(both)])
     assert found.shape.geom_type == "MultiPolygon"
     assert len(found.shape.geoms) == 2
+
+
+def test_an_outline_that_is_more_likely_wrong_than_right_is_no_find():
+    few = points(count=12)
+    regions = [Region(moved(shape)) for shape in CELLS]
+    kept = carried(CELLS, regions, few, chosen=config.assign(CONFIG, ["carry.min_confidence=0"]))
+    found = carried(CELLS, regions, few)
+    doubtful = [k for k, each in enumerate(kept) if each.shape is not None and each.confidence < 0.5]
+    assert doubtful
+    for k in doubtful:
+        assert (found[k].status, found[k].shape, found[k].confidence) == ("not found", None, 0)
+        assert found[k].reason.endswith(f"the best outline is {kept[k].confidence:.2f} sure")
+        assert found[k].alternatives[0] == (*kept[k].shape.centroid.coords[0], kept[k].agreement)
+        assert found[k].alternatives[1:] == kept[k].alternatives
+    for k in set(range(len(CELLS))) - set(doubtful):
+        assert (found[k].status, found[k].confidence) == (kept[k].status, kept[k].confidence)
 
 
 def test_rigid_outlines_keep_their_form():

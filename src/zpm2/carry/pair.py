@@ -191,9 +191,17 @@ def _outcome(
 ) -> Outcome:
     trust, place = float(found.trust[k]), found.shapes[k]
     known = trust >= config.min_trust and not place.is_empty
+    sure = 0.0 if seen is None else _confidence(found, k, seen.agreement, config)
+    others = () if seen is None else seen.others
+    doubt = ""
+    if seen is not None and sure < config.min_confidence:
+        at = seen.shape.centroid
+        others, doubt = ((float(at.x), float(at.y), seen.agreement), *others), f"; the best outline is {sure:.2f} sure"
+        seen, sure = None, 0.0
     where = place if known else None if seen is None else seen.shape
     if seen is None:
         status, reason = outcome.missing(place, trust, size, lost, config)
+        reason += doubt
     else:
         status, reason = outcome.found(seen.visible, place, trust, seen.moved, size, config)
     gone = 0.0 if status in ("outside", "hidden") else None
@@ -201,14 +209,14 @@ def _outcome(
         status,
         reason,
         None if seen is None else seen.shape,
-        0.0 if seen is None else _confidence(found, k, seen.agreement, config),
+        sure,
         gone if seen is None else seen.visible,
         0.0 if seen is None else seen.agreement,
         trust,
         int(found.agreeing[k]),
         None if where is None else (float(where.centroid.x), float(where.centroid.y)),
         float(found.sigma[k]) if known and np.isfinite(found.sigma[k]) else None,
-        () if seen is None else seen.others,
+        others,
         found.pair_points,
         float(found.surrounded[k]),
     )

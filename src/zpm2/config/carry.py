@@ -82,6 +82,9 @@ class CarryConfig:
     trusted: float = share(
         0.5, "trust from which on points alone say where a region is", source="two points that agree"
     )
+    min_confidence: float = share(
+        0.5, "of an outline, under which the region is not found", source="rather wrong than right, docs/carry.md"
+    )
     intercept: float = number(2.13, "subtracted in the confidence", unit="log-odds", high=100.0, source=FITTED)
     by_agreement: float = number(
         2.51, "weight of an answer's agreement in the confidence", unit="log-odds", high=100.0, source=FITTED
