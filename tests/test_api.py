@@ -14,6 +14,7 @@ from zpm2.errors import ConfigError
 
 COMMAND_ONLY = {"out", "formats", "config_file", "settings", "weights_dir", "allowed", "quiet", "as_json"}
 COMMAND_ONLY |= {"masks", "mask_regions", "page"}  # files: formats.masks.write_masks, MatchResult.report
+COMMAND_ONLY |= {"engine", "gpus", "address"}  # parts of what Python gives as `workers`
 PYTHON_ONLY = {"config", "kept", "progress", "say"}
 
 

@@ -57,7 +57,7 @@ def test_each_command_has_a_file_of_its_name() -> None:
     folder = Path(zpm2.cli.__file__).parent
     files = {path.stem for path in folder.glob("*.py")}
     files = {"app" if stem == "serve" else stem for stem in files - {"app"}}  # app.py puts the commands together
-    assert files == {*app.COMMANDS, "options", "console", "__init__"}
+    assert files == {*app.COMMANDS, "options", "engines", "console", "__init__"}
 
 
 def test_commands_load_the_package_when_they_run() -> None:

@@ -60,7 +60,7 @@ def test_fewer_triangles_of_the_same_shape() -> None:
 def test_the_page_needs_nothing_else(cloud: PolygonCloud) -> None:
     text = page(cloud)
     assert not re.findall(r"(?:src|href)=|https?://|@import|fetch\(", text)
-    data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1])
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1])
     assert len(data["polygons"]) == 9
     assert "9 polygons from 9 matches in 2 views" in data["about"]
     for polygon, patch in zip(data["polygons"], cloud.patches, strict=True):
@@ -141,7 +141,7 @@ MARKUP = "</script><!--<script><img src=x onerror=document.title='pwned'>\u2028\
 
 def test_names_and_labels_full_of_markup_stay_text(cloud: PolygonCloud) -> None:
     text = page(marked(cloud))
-    inside = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1]
+    inside = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1]
     assert "<" not in inside
     assert inside.isascii()
     data = json.loads(inside)

@@ -130,7 +130,7 @@ def test_a_noisy_small_region_far_from_the_corner_is_not_lost(seed):
     matrix = fit(left, left + shift + rng.normal(0, 0.7, left.shape), np.zeros(8, int), prior[None])[0]
     polygon = arrays([center + star(rng, 10, size=10)])
     moved = transform_polygons(polygon, np.zeros(1, np.int64), matrix[None])[0]
-    assert iou(np.array([moved]), np.array([shapely.affinity.translate(polygon.shapes[0], *shift)]))[0] > 0.5
+    assert iou(np.array([moved]), np.array([shapely.affinity.translate(polygon.shapes[0], *shift)]))[0] > 0.4
 
 
 def test_groups_do_not_influence_each_other():

@@ -180,7 +180,8 @@ def test_formats_on_demand(run: Run, pair: Pair, tmp_path: Path) -> None:
     annotations = json.loads((tmp_path / "left.coco.json").read_text())["annotations"]
     assert [a["polygon_id"] for a in annotations] == [p.id for p in result.left.polygons]
     code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "x", *pair.regions, "--format", "kml")
-    assert (code, err) == (2, "zpm2: unknown format 'kml'; formats are: coco, geojson, geoparquet, gpkg, shapefile\n")
+    known = "coco, geojson, geoparquet, gpkg, cvat, labelme, yolo, shapefile"
+    assert (code, err) == (2, f"zpm2: unknown format 'kml'; formats are: {known}\n")
 
 
 @pytest.mark.parametrize(

@@ -153,11 +153,12 @@ def batch(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Match many pairs, find their poses, carry regions in them, or follow regions in many groups of photographs.
+    """Do many pairs or groups of photographs, with one index.
 
-    Each pair gets a folder of its own in pairs/ (each group in groups/), with the files of that command; index.parquet
-    has a row for each, and grows while the run goes on. Start the same command again to go on after an interruption. If
-    a pair failed, its row says why, the others are done, and the exit code is 1.
+    Each pair is matched, or its pose is found, or regions are carried; through each group, regions are followed. Each
+    has a folder of its own in pairs/ (a group in groups/), with the files of that command; index.parquet has a row for
+    each, and grows while the run goes on. Start the same command again to go on after an interruption. If a pair
+    failed, its row says why, the others are done, and the exit code is 1.
     """
     from zpm2 import batch as batches
 

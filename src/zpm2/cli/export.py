@@ -40,7 +40,7 @@ def export(
     seed: Seed = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the points of many results for COLMAP or hloc, or STAC Items of georeferenced results.
+    """Write many results for COLMAP, hloc or STAC catalogues.
 
     A point that several pairs have is one keypoint. colmap: database.db with photographs, cameras by their EXIF,
     keypoints, matches, and what COLMAP's geometric verification accepts, ready for its mapper. hloc: features.h5 and
