@@ -65,7 +65,7 @@ class Measured:
         if published:
             self.segmenter._backend = Published(chosen.segment.model, "cpu")
         self.matcher = PairMatcher(chosen, segmenter=self.segmenter)
-        self.matcher._load_points()
+        self.matcher.load()
         self.prompts, self.forward = 0, None
         backend, regions = self.segmenter.load(), self.matcher._regions
         asked, turned_round = backend.prompt, regions.redetect
@@ -75,7 +75,7 @@ class Measured:
             return asked(parts, sparse)
 
         def redetect(found: Any, matches: Any, initial: Any) -> Any:
-            self.forward = (found.sides(matches), time.perf_counter() - self.start, self.prompts)
+            self.forward = (found.sides(matches, chosen.vectorize), time.perf_counter() - self.start, self.prompts)
             return turned_round(found, matches, initial)
 
         backend.prompt, regions.redetect = prompt, redetect
