@@ -157,10 +157,10 @@ def test_times_that_are_none(text: str) -> None:
 def test_the_time_of_a_camera(tmp_path: Path) -> None:
     exif = PIL.Image.Exif()
     exif[stac.TIFF_TIME] = "2020:01:01 00:00:00"  # when it was edited
-    exif.get_ifd(stac.EXIF_IFD).update({stac.ORIGINAL: "2019:05:31 12:00:00", stac.OFFSET: "+02:00"})
+    exif.get_ifd(stac.pictures.EXIF_IFD).update({stac.ORIGINAL: "2019:05:31 12:00:00", stac.OFFSET: "+02:00"})
     PIL.Image.new("RGB", (8, 8)).save(tmp_path / "a.jpg", exif=exif)
     assert stac.taken(tmp_path / "a.jpg") == datetime(2019, 5, 31, 10, tzinfo=UTC)
-    exif.get_ifd(stac.EXIF_IFD)[stac.ORIGINAL] = "0000:00:00 00:00:00"
+    exif.get_ifd(stac.pictures.EXIF_IFD)[stac.ORIGINAL] = "0000:00:00 00:00:00"
     PIL.Image.new("RGB", (8, 8)).save(tmp_path / "b.jpg", exif=exif)
     assert stac.taken(tmp_path / "b.jpg") is None
     assert stac.taken(tmp_path / "missing.jpg") is None

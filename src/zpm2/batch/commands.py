@@ -32,6 +32,7 @@ class Finished:
 
 
 E = TypeVar("E", contravariant=True)
+T = TypeVar("T")
 
 
 class Command(Protocol[E]):
@@ -46,6 +47,15 @@ class Command(Protocol[E]):
         """One for each entry, in their order; an error for one that has no result. What is raised is wrong with the
         entry after the last result, or, a `Zpm2Error` before any entry was taken, with all."""
         ...
+
+
+def one_by_one(entries: Iterable[T], do: Callable[[T], Finished]) -> Iterator[Finished | Zpm2Error]:
+    """What `do` makes of each entry, or its error, as `Command.results` gives them."""
+    for entry in entries:
+        try:
+            yield do(entry)
+        except Zpm2Error as error:
+            yield error
 
 
 PairCommand = Command[Pair]  # a class of this form, made with a `Job`, may be given as package.module:Class
@@ -164,11 +174,7 @@ class Carry:
 
     def results(self, pairs: Iterable[Pair]) -> Iterator[Finished | Zpm2Error]:
         """See `Command`."""
-        for pair in pairs:
-            try:
-                yield self.carried(pair)
-            except Zpm2Error as error:
-                yield error
+        return one_by_one(pairs, self.carried)
 
     def carried(self, pair: Pair) -> Finished:
         """The regions of a pair."""
@@ -201,11 +207,7 @@ class Tracks:
 
     def results(self, groups: Iterable[Group]) -> Iterator[Finished | Zpm2Error]:
         """See `Command`."""
-        for group in groups:
-            try:
-                yield self.followed(group)
-            except Zpm2Error as error:
-                yield error
+        return one_by_one(groups, self.followed)
 
     def followed(self, group: Group) -> Finished:
         """The tracks of a group."""

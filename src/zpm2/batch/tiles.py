@@ -5,7 +5,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import ClassVar
 
-from zpm2.batch.commands import Finished
+from zpm2.batch.commands import Finished, one_by_one
 from zpm2.batch.engines.engine import Engine
 from zpm2.batch.entries import TileEntry
 from zpm2.batch.job import TILES, Job, Task
@@ -50,11 +50,11 @@ class Tiles:
 
     def results(self, entries: Iterable[TileEntry]) -> Iterator[Finished | Zpm2Error]:
         """See `commands.Command`."""
-        for entry in entries:
-            try:
-                yield Finished(_nothing, {}, self.maker.make(entry.order, entry.part))
-            except Zpm2Error as error:
-                yield error
+        return one_by_one(entries, self.made)
+
+    def made(self, entry: TileEntry) -> Finished:
+        """A tile."""
+        return Finished(_nothing, {}, self.maker.make(entry.order, entry.part))
 
 
 def _nothing(folder: Path) -> None:

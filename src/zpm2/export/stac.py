@@ -26,7 +26,7 @@ from zpm2.result import MatchResult
 VERSION, PROJECTION = "1.1.0", "https://stac-extensions.github.io/projection/v2.0.0/schema.json"
 EDGE = 20  # points along each side of a photograph, whose outline is curved in longitude and latitude
 DIGITS = 7  # of degrees: 1 cm
-EXIF_IFD, ORIGINAL, OFFSET, TIFF_TIME = 0x8769, 0x9003, 0x9011, 0x0132  # tags
+ORIGINAL, OFFSET, TIFF_TIME = 0x9003, 0x9011, 0x0132  # tags
 GEOTIFF = "image/tiff; application=geotiff"
 PHOTOGRAPHS = {".tif": "image/tiff", ".tiff": "image/tiff", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 PHOTOGRAPHS |= {".png": "image/png", ".jp2": "image/jp2", ".webp": "image/webp", ".bmp": "image/bmp"}
@@ -131,7 +131,7 @@ def taken(photograph: Path) -> datetime | None:
     try:
         with pictures.looked_at(photograph) as picture:
             tags = pictures.exif_of(picture)
-            own = tags.get_ifd(EXIF_IFD)
+            own = tags.get_ifd(pictures.EXIF_IFD)
             text, zone = (own[ORIGINAL], own.get(OFFSET)) if ORIGINAL in own else (tags[TIFF_TIME], None)
         found = datetime.strptime(str(text).strip("\0 ")[:19], "%Y:%m:%d %H:%M:%S")
         return datetime.fromisoformat(f"{found.isoformat()}{str(zone).strip() if zone else '+00:00'}")

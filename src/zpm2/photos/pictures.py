@@ -29,6 +29,7 @@ FORMATS = (
 )
 
 PAGES = 100  # counted at most: each takes longer to find than the one before
+EXIF_IFD = 0x8769  # tag of the part of EXIF that tells of camera and time
 _EXIF_ORIENTATION = 274
 _BITS, _SAMPLE_FORMAT, _GDAL_NODATA = 258, 339, 42113  # tags of a TIFF
 DAMAGE = (

@@ -22,7 +22,7 @@ Size = tuple[int, int]  # width, height, px
 
 GUESSED_FOCAL = 1.2  # times the longer side: COLMAP's default, a field of view of 45 degrees
 FULL_FRAME = 43.266615  # mm, diagonal of 36 x 24 mm, to which "35 mm equivalent" refers (CIPA DCG-001)
-EXIF_IFD, MODEL, UNITS = 0x8769, 0x0110, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # mm per unit of resolution
+MODEL, UNITS = 0x0110, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # mm per unit of resolution
 FOCAL, FOCAL_35, PLANE_X, PLANE_UNIT, WIDTH, HEIGHT = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002, 0xA003
 SHAPES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}  # of a matrix by its numbers
 OTHER_ORDERS = {"fx,cx,fy,cy": (0, 2, 1, 3), "cx,cy,fx,fy": (2, 3, 0, 1)}  # and where our four are in them
@@ -94,7 +94,7 @@ def from_exif(image: str | Path, size: Size) -> Camera | Failed:
     try:
         with pictures.looked_at(image) as picture:
             exif = pictures.exif_of(picture)
-            values = exif.get_ifd(EXIF_IFD)
+            values = exif.get_ifd(pictures.EXIF_IFD)
     except pictures.DAMAGE as error:
         return Failed(f"the EXIF data of {image} cannot be read ({error})")
     diagonal = float(np.hypot(*size))
