@@ -152,7 +152,7 @@ def sample_templates(image: NDArray[np.float32], centers: Array, jacobian: Array
     invertible = np.abs(determinant) > 1e-3
     inverse = np.linalg.inv(np.where(invertible[:, None, None], jacobian, np.eye(2)))
     at = centers[:, None] - 0.5 + grid @ inverse.transpose(0, 2, 1)  # pixel centres at 0
-    return bilinear(image, at).reshape(-1, phi, phi)
+    return bilinear(image, at[..., 0], at[..., 1]).reshape(-1, phi, phi)
 
 
 def correlate(area: NDArray[np.float32], template: NDArray[np.float32]) -> Array:

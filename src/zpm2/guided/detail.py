@@ -28,7 +28,7 @@ from zpm2.guided.redetection import (
     view_regions,
 )
 from zpm2.guided.windows import Box, WindowPair
-from zpm2.model import Image, PointMatches, Polygon, PolygonMatch
+from zpm2.model import Image, PointMatches, Polygon, PolygonMatch, shapes_of
 from zpm2.segment import automatic, family
 from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import PromptedView
@@ -166,7 +166,7 @@ class _Known:
         """`matched` are rows of `regions`."""
         frame, free = shapely.box(*box), np.ones(len(regions), bool)
         free[list(matched)] = False
-        shapes = np.array([polygon.shape for polygon in regions.polygons], object)
+        shapes = shapes_of(regions.polygons)
         rows = shapely.STRtree(shapes).query(frame, predicate="intersects")
         rows = np.sort(rows)
         cover = view.cover(shapely.transform(shapes[rows], lambda xy: xy - box[:2]))
@@ -192,7 +192,7 @@ def moved(points_and_h: PointsAndH, here: Box, there: Box) -> PointsAndH:
 
 def _matched(pair: DetectedPair, matches: Sequence[PolygonMatch]) -> NDArray[np.object_]:
     """The matched left polygons."""
-    return np.array([pair.left.polygons[match.left].shape for match in matches], object)
+    return shapes_of([pair.left.polygons[match.left] for match in matches])
 
 
 def _crop(image: Image, box: Box) -> Image:

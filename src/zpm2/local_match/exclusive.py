@@ -212,7 +212,7 @@ def _kept_pieces(
     areas = [int(side.areas[k]) for side in sides]
     free = [side.free(k) for side in sides]
     parts = [
-        pieces(mask, min_area if mask.area < area else 1)[: config.max_pieces]
+        pieces(mask, min_area if mask.area < area else 1, config.max_pieces)
         for mask, area in zip(free, areas, strict=True)
     ]
     if not parts[0] or not parts[1]:

@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.cores import in_chunks
 from zpm2.global_match import Candidates
 from zpm2.model import Image
 from zpm2.photos.sampling import bilinear, levels
@@ -11,7 +12,7 @@ from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
 PAIR_CHUNK = 256  # pairs that are compared at a time
-PATCH_CHUNK = 256  # patches that are sampled at a time
+PATCH_CHUNK = 32  # patches that are sampled at a time
 
 
 class TexturePatches:
@@ -31,38 +32,46 @@ class TexturePatches:
         self.values = np.zeros((n, size * size), np.float32)
         self.inside = np.zeros((n, size * size), bool)
         usable = np.flatnonzero(~shapely.is_empty(frames))
-        for start in range(0, len(usable), PATCH_CHUNK):
-            rows = usable[start : start + PATCH_CHUNK]
+
+        def sample(part: slice) -> None:
+            rows = usable[part]
             self._sample(rows, frames[rows], to_image[rows], image)
 
+        in_chunks(sample, len(usable), PATCH_CHUNK)
+
     def _sample(self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, image: Image) -> None:
-        size, width, height = self.size, image.width, image.height
         x0, y0, x1, y1 = shapely.bounds(frames).T
-        t = (np.arange(size) + 0.5) / size
-        x = np.broadcast_to((x0[:, None] + (x1 - x0)[:, None] * t)[:, None, :], (len(rows), size, size))
-        y = np.broadcast_to((y0[:, None] + (y1 - y0)[:, None] * t)[:, :, None], (len(rows), size, size))
-        at = np.stack([x, y], axis=-1).reshape(len(rows), -1, 2)
-        seen = np.ones(at.shape[:2], bool)
-        if (to_image != np.eye(3)).any():
-            mapped = np.concatenate([at, np.ones((*at.shape[:2], 1))], axis=2) @ to_image.transpose(0, 2, 1)
-            depth = mapped[..., 2]
-            seen = depth > 1e-9
-            at = mapped[..., :2] / np.where(seen, depth, 1.0)[..., None]
-        column, row = at[..., 0], at[..., 1]  # by coordinate, which is faster than along an axis of two
-        seen &= (column >= 0) & (row >= 0) & (column <= width) & (row <= height)
-        extent = np.maximum(np.ptp(column, axis=1), np.ptp(row, axis=1))
-        spread = np.nan_to_num(extent / size, nan=1.0, posinf=1.0)
+        along = (np.arange(self.size) + 0.5) / self.size
+        x, y = (low[:, None] + (high - low)[:, None] * along for low, high in ((x0, x1), (y0, y1)))
+        column, row, seen = _mapped(to_image, x[:, None, :], y[:, :, None])
+        seen = seen & (column >= 0) & (row >= 0) & (column <= image.width) & (row <= image.height)
+        extent = np.maximum(*(at.max((1, 2)) - at.min((1, 2)) for at in (column, row)))
+        spread = np.nan_to_num(extent / self.size, nan=1.0, posinf=1.0)
         level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, self.max_halvings).astype(int)
         for k in np.unique(level):
             of = level == k
-            self.values[rows[of]] = bilinear(levels(image, k, 2)[k], at[of] / 2.0**k - 0.5)
-        self.inside[rows] = seen & self._coverage(frames, x0, y0, x1, y1)
+            at = (each[of] / 2.0**k - 0.5 for each in (column, row))
+            self.values[rows[of]] = bilinear(levels(image, k, 2)[k], *at).reshape(of.sum(), -1)
+        self.inside[rows] = seen.reshape(len(rows), -1) & self._coverage(frames, x0, y0, x1, y1)
 
     def _coverage(self, frames: NDArray[np.object_], x0: Array, y0: Array, x1: Array, y1: Array) -> NDArray[np.bool_]:
         scale = self.size / np.maximum(np.c_[x1 - x0, y1 - y0], 1e-9)
         xy, of = shapely.get_coordinates(frames, return_index=True)
         own = shapely.set_coordinates(frames.copy(), (xy - np.c_[x0, y0][of]) * scale[of])  # px of the patch
         return rasterize_stack(own, (self.size, self.size)).reshape(len(frames), -1)
+
+
+def _mapped(maps: Array, x: Array, y: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Columns and rows of the points of grids with `x` (n, 1, size) and `y` (n, size, 1), each mapped by its (3, 3) of
+    (n, 3, 3), and whether they are in front of the horizon. All three broadcast to (n, size, size)."""
+    if (maps == np.eye(3)).all():
+        return x, y, np.ones((1, 1, 1), bool)
+    column, row, depth = (
+        m[:, 0, None, None] * x + (m[:, 1, None, None] * y + m[:, 2, None, None]) for m in maps.transpose(1, 0, 2)
+    )
+    seen = depth > 1e-9
+    depth = np.where(seen, depth, 1.0)
+    return column / depth, row / depth, seen
 
 
 def correlation(patches: tuple[TexturePatches, TexturePatches], pairs: Candidates, min_contrast: float) -> Array:

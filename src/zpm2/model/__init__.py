@@ -7,7 +7,7 @@ from zpm2.model.image_polygons import SIDES, ImagePolygons, SideName
 from zpm2.model.mask import Mask
 from zpm2.model.match import Counterpart, PolygonMatch, Stage, counterparts
 from zpm2.model.points import PointMatches
-from zpm2.model.polygon import Polygon, PolygonArrays
+from zpm2.model.polygon import Polygon, PolygonArrays, shapes_of, shapes_of_rings
 
 __all__ = [
     "SIDES",
@@ -26,5 +26,7 @@ __all__ = [
     "SideName",
     "Stage",
     "counterparts",
+    "shapes_of",
+    "shapes_of_rings",
     "thin",
 ]

@@ -53,6 +53,26 @@ class Polygon:
         return np.array([c.x, c.y])
 
 
+def shapes_of(polygons: Sequence[Polygon]) -> NDArray[np.object_]:
+    """(n,) `Polygon.shape` of each. Those that are not known yet are made together, which is faster."""
+    new = [polygon for polygon in polygons if "shape" not in vars(polygon)]
+    for polygon, shape in zip(new, shapes_of_rings([(p.exterior, *p.holes) for p in new]), strict=True):
+        vars(polygon)["shape"] = shape
+    shapes = np.empty(len(polygons), object)
+    shapes[:] = [polygon.shape for polygon in polygons]
+    return shapes
+
+
+def shapes_of_rings(rings: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.object_]:
+    """(n,) shapely polygons of their rings (m, 2), the exterior first."""
+    every = [ring for own in rings for ring in own]
+    if not every:
+        return np.empty(0, object)
+    of_vertex = np.repeat(np.arange(len(every)), [len(ring) for ring in every])
+    of_ring = np.repeat(np.arange(len(rings)), [len(own) for own in rings])
+    return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(every), indices=of_vertex), indices=of_ring))
+
+
 @dataclass(frozen=True, eq=False)
 class PolygonArrays:
     """Many polygons of one image as arrays, for the vectorised stages. Row k is `polygons[k]`, whatever its id."""
@@ -67,8 +87,7 @@ class PolygonArrays:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        shapes = np.empty(len(self.polygons), object)
-        shapes[:] = [p.shape for p in self.polygons]
+        shapes = shapes_of(self.polygons)
         centroids = shapely.centroid(shapes)
         put = object.__setattr__
         put(self, "ids", np.array([p.id for p in self.polygons], np.int64))

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from zpm2.config import VectorizeConfig
-from zpm2.model import Polygon
+from zpm2.model import Polygon, shapes_of
 from zpm2.polygons.overlap import shared_box
 
 
@@ -19,7 +19,7 @@ def with_parents(polygons: Sequence[Polygon], config: VectorizeConfig) -> list[P
     """
     if not polygons:
         return []
-    shapes = np.array([p.shape for p in polygons], object)
+    shapes = shapes_of(polygons)
     areas = shapely.area(shapes)
     child, parent = shapely.STRtree(shapes).query(shapes)
     boxes = shapely.bounds(shapes)

@@ -19,17 +19,26 @@ def as_objects(shapes: Sequence[object]) -> NDArray[np.object_]:
 
 def from_shape(shape: shapely.Polygon, id: int, score: float = 1.0, label: str | None = None) -> Polygon:
     """A shapely polygon (image px) as ours: exterior with a positive shoelace sum, holes with a negative one."""
-    holes = tuple(_ring(ring, positive=False) for ring in shape.interiors)
-    return Polygon(id, _ring(shape.exterior, positive=True), holes, score, None, label)
+    exterior, *holes = rings_of([shape])[0]
+    return Polygon(id, exterior, tuple(holes), score, None, label)
+
+
+def rings_of(shapes: Sequence[shapely.Polygon]) -> list[list[NDArray[np.float64]]]:
+    """The rings (n, 2) of each polygon, the exterior first: without the closing vertex, an exterior with a positive
+    shoelace sum, holes with a negative one."""
+    if not len(shapes):
+        return []
+    rings, owner = shapely.get_rings(as_objects(shapes), return_index=True)
+    vertices, ring = shapely.get_coordinates(rings, return_index=True)
+    found: list[list[NDArray[np.float64]]] = [[] for _ in shapes]
+    parts = np.split(vertices, np.flatnonzero(np.diff(ring)) + 1)
+    for part, of, ccw in zip(parts, owner.tolist(), shapely.is_ccw(rings).tolist(), strict=True):
+        inside = bool(found[of])  # not the first ring
+        found[of].append(np.ascontiguousarray(part[:-1] if ccw != inside else part[:-1][::-1]))
+    return found
 
 
 def reshaped(polygon: Polygon, shape: shapely.Polygon) -> Polygon:
     """The polygon with the outline `shape` (image px). Its id, score, parent and label stay."""
     outline = from_shape(shape, polygon.id)
     return dataclasses.replace(polygon, exterior=outline.exterior, holes=outline.holes)
-
-
-def _ring(ring: shapely.LinearRing, positive: bool) -> NDArray[np.float64]:
-    """(n, 2) vertices without the closing one, in the order in which the shoelace sum has the wanted sign."""
-    vertices = shapely.get_coordinates(ring)[:-1]
-    return np.ascontiguousarray(vertices if shapely.is_ccw(ring) == positive else vertices[::-1])

@@ -21,24 +21,32 @@ def trace(bits: NDArray[np.bool_], x0: int = 0, y0: int = 0) -> list[shapely.Pol
     ]
 
 
-def pieces(mask: Mask, min_area: float = 0.0) -> list[Mask]:
-    """The 4-connected pieces of a mask with at least `min_area` pixels, each in its own crop, the largest first."""
+def pieces(mask: Mask, min_area: float = 0.0, most: int | None = None) -> list[Mask]:
+    """The 4-connected pieces of a mask with at least `min_area` pixels, each in its own crop, the largest first, and no
+    more than `most`."""
     if not mask.bits.any():
         return []
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.bits.astype(np.uint8), connectivity=4)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.bits.view(np.uint8), connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
     found = []
-    for k in np.argsort(-areas, kind="stable"):
+    for k in np.argsort(-areas, kind="stable")[:most]:
         if areas[k] < min_area:
             break
         x, y, w, h = (int(v) for v in stats[k + 1, :4])
-        bits = labels[y : y + h, x : x + w] == k + 1
+        crop = slice(y, y + h), slice(x, x + w)
+        bits = mask.bits[crop] if count == 2 else labels[crop] == k + 1
         found.append(Mask(mask.x0 + x, mask.y0 + y, bits, mask.score, mask.label))
     return found
 
 
 def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
-    """The exact polygon of one 4-connected piece that fills its (h, w) crop.
+    """The exact polygon of one 4-connected piece that fills its (h, w) crop."""
+    exterior, *holes = rings_of_piece(bits)
+    return shapely.Polygon(exterior, holes)
+
+
+def rings_of_piece(bits: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+    """The rings (n, 2) of `outline_of_piece`, the exterior first, without repeated vertices.
 
     OpenCV's contours run through pixel centres. On the piece enlarged twice, the centre at k lies beside the pixel edge
     (k + 1) // 2 of the original, for exteriors, holes and concave corners alike.
@@ -48,7 +56,7 @@ def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
     rings = [_corners((contour.reshape(-1, 2) + 1) // 2) for contour in contours]
     inner = hierarchy[0, :, 3] >= 0
     exterior = rings[int(np.argmin(inner))]
-    return shapely.Polygon(exterior, [ring for ring, is_hole in zip(rings, inner, strict=True) if is_hole])
+    return [exterior, *(ring for ring, is_hole in zip(rings, inner, strict=True) if is_hole)]
 
 
 def _corners(ring: NDArray[np.int32]) -> NDArray[np.float64]:

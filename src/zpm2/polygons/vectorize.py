@@ -8,11 +8,11 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import VectorizeConfig
-from zpm2.model import Mask, Polygon
+from zpm2.model import Mask, Polygon, shapes_of_rings
 from zpm2.polygons.nest import with_parents
-from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.shapes import rings_of
 from zpm2.polygons.simplify import simplify
-from zpm2.polygons.trace import outline_of_piece, pieces
+from zpm2.polygons.trace import pieces, rings_of_piece
 
 
 def vectorize(masks: Sequence[Mask], config: VectorizeConfig, min_area: float, size: tuple[int, int]) -> list[Polygon]:
@@ -30,26 +30,38 @@ def outlines(
     masks: Sequence[Mask], config: VectorizeConfig, min_area: float, size: tuple[int, int]
 ) -> tuple[list[Polygon], NDArray[np.int64]]:
     """The polygons of `vectorize`, without parents, and (n,) the row of the mask that each stands for."""
-    rows, shapes, corners = [], [], []
+    rows, rings, corners = [], list[list[NDArray[np.float64]]](), []
     for row, mask in enumerate(masks):
-        parts = pieces(_cut(mask, size))
-        shape = without_small_holes(outline_of_piece(parts[0].bits), min_area) if parts else shapely.Polygon()
-        if shape.area >= max(min_area, 1.0):
-            rows.append(row)
-            shapes.append(shape)
-            corners.append((parts[0].x0, parts[0].y0))
-    simple = simplify(shapes, config, min_area)
-    moved = zip(simple, corners, strict=True)
-    placed = [shapely.transform(shape, lambda xy, corner=corner: xy + corner) for shape, corner in moved]
-    sources = [masks[row] for row in rows]
-    polygons = [from_shape(s, k, m.score, m.label) for k, (s, m) in enumerate(zip(placed, sources, strict=True))]
+        for piece in pieces(_cut(mask, size), most=1):
+            exterior, *holes = rings_of_piece(piece.bits)
+            kept = [exterior, *(hole for hole in holes if _area(hole) >= min_area)]
+            if _area(exterior) - sum(_area(hole) for hole in kept[1:]) >= max(min_area, 1.0):
+                rows.append(row)
+                rings.append(kept)
+                corners.append((piece.x0, piece.y0))
+    simple = simplify(shapes_of_rings(rings), config, min_area)
+    xy, of = shapely.get_coordinates(simple, return_index=True)
+    placed = rings_of(shapely.set_coordinates(simple, xy + np.array(corners, np.float64).reshape(-1, 2)[of]))
+    polygons = [
+        Polygon(k, exterior, tuple(holes), masks[row].score, None, masks[row].label)
+        for k, (row, (exterior, *holes)) in enumerate(zip(rows, placed, strict=True))
+    ]
     return polygons, np.array(rows, np.int64)
+
+
+def _area(ring: NDArray[np.float64]) -> float:
+    """px^2 inside a ring (n, 2) along pixel edges: exact."""
+    x, y = ring.T
+    twice = x[:-1] @ y[1:] - y[:-1] @ x[1:] + x[-1] * y[0] - y[-1] * x[0]
+    return abs(float(twice)) / 2
 
 
 def _cut(mask: Mask, size: tuple[int, int]) -> Mask:
     """The part of a mask inside an image of `size` (width, height) px."""
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     right, bottom = max(0, size[0] - mask.x0), max(0, size[1] - mask.y0)
+    if not (left or top) and mask.bits.shape[0] <= bottom and mask.bits.shape[1] <= right:
+        return mask
     return dataclasses.replace(mask, x0=mask.x0 + left, y0=mask.y0 + top, bits=mask.bits[top:bottom, left:right])
 
 

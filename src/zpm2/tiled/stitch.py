@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import Config, StitchConfig
-from zpm2.model import Polygon
+from zpm2.model import Polygon, shapes_of
 from zpm2.photos.raster import Window
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.overlap import iou
@@ -56,7 +56,7 @@ def stitch(pieces: RegionPieces, size: tuple[int, int], config: Config, min_area
     Outlines of united pieces are simplified (`vectorize.tolerance`).
     """
     chosen, nms_iou = config.tiles.stitch, config.segment.nms_iou
-    shapes = as_objects([polygon.shape for polygon in pieces.polygons])
+    shapes = shapes_of(pieces.polygons)
     level = pieces.levels[pieces.tile] if len(pieces.polygons) else np.zeros(0, np.int64)
     score = np.array([polygon.score for polygon in pieces.polygons])
     borders = [_Borders(window, size, chosen) for window in pieces.windows]

@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
+from zpm2.cores import in_chunks
 from zpm2.local_match.texture import TexturePatches
 from zpm2.model import Image
 from zpm2.polygons.rasterize import rasterize_stack
@@ -20,7 +21,7 @@ from zpm2.polygons.rasterize import rasterize_stack
 Array = NDArray[np.float64]
 Patches = NDArray[np.float32]  # (k, size, size)
 Bits = NDArray[np.bool_]
-PATCH_CHUNK = 64  # pairs that are compared at a time
+PATCH_CHUNK = 16  # pairs that are compared at a time
 
 
 def peaks(
@@ -38,11 +39,10 @@ def peaks(
     a polygon is `config.patch` cells wide and high. "Other shifts" are up to half a polygon, and count by the quantile
     `config.rival`. 0 where too little of a polygon is seen to tell.
     """
-    found = np.zeros(len(right))
     box = _around(right)
     to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
-    for start in range(0, len(right), PATCH_CHUNK):
-        rows = slice(start, start + PATCH_CHUNK)
+
+    def peak(rows: slice) -> Array:
         frames, size = shapely.box(*box[rows].T), 2 * config.patch
         sides = [
             TexturePatches(image, frames, back[rows], size, max_halvings)
@@ -51,9 +51,10 @@ def peaks(
         values = [normalised(side.values.reshape(-1, size, size), config) for side in sides]
         seen = [side.inside.reshape(-1, size, size) for side in sides]
         both = inside(warped[rows], box[rows], size) & inside(right[rows], box[rows], size) & seen[0] & seen[1]
-        found[rows] = _peak(correlations(values[0], values[1], both, config), config)
-        found[rows][both.sum((1, 2)) < config.min_cells] = 0.0
-    return found
+        found = _peak(correlations(values[0], values[1], both, config), config)
+        return np.where(both.sum((1, 2)) < config.min_cells, 0.0, found)
+
+    return np.concatenate([np.zeros(0), *in_chunks(peak, len(right), PATCH_CHUNK)])
 
 
 def normalised(patches: Patches, config: VerifyConfig) -> Patches:

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
+from zpm2.cores import in_chunks
 from zpm2.local_match.texture import TexturePatches
 from zpm2.model import Image
 from zpm2.verify.content import PATCH_CHUNK, Array, Bits, Patches, inside, normalised
@@ -34,14 +35,14 @@ def agreement(
     right image. Flows are computed in a square around the partner, twice as wide, at no more than the right image's
     resolution. 0 where no photograph shows both.
     """
-    found, size = np.zeros(len(right)), 2 * config.patch
+    size = 2 * config.patch
     bounds = shapely.bounds(right).reshape(-1, 4)
     middle = (bounds[:, :2] + bounds[:, 2:]) / 2
     half = np.maximum((bounds[:, 2:] - bounds[:, :2]).max(1, initial=0.0), size / 2)[:, None]
     box = np.c_[middle - half, middle + half]
     to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
-    for start in range(0, len(right), PATCH_CHUNK):
-        rows = slice(start, start + PATCH_CHUNK)
+
+    def agree(rows: slice) -> list[float]:
         sides = [
             TexturePatches(image, shapely.box(*box[rows].T), back[rows], size, max_halvings)
             for image, back in zip(images, to_image, strict=True)
@@ -49,10 +50,13 @@ def agreement(
         patches = [_grey(normalised(side.values.reshape(-1, size, size), config)) for side in sides]
         seen = [side.inside.reshape(-1, size, size) for side in sides]
         covers = [inside(shapes[rows], box[rows], size) for shapes in (warped, right)]
+        found = []
         for k, (left, other) in enumerate(zip(*patches, strict=True)):
             flows = _flow(other, left, config), _flow(left, other, config)
-            found[start + k] = _agreement(*flows, (seen[0][k], seen[1][k]), (covers[0][k], covers[1][k]), config)
-    return found
+            found.append(_agreement(*flows, (seen[0][k], seen[1][k]), (covers[0][k], covers[1][k]), config))
+        return found
+
+    return np.array([share for found in in_chunks(agree, len(right), PATCH_CHUNK) for share in found], np.float64)
 
 
 def _flow(here: NDArray[np.uint8], there: NDArray[np.uint8], config: VerifyConfig) -> Flow:
@@ -64,9 +68,10 @@ def _agreement(
     there: Flow, back: Flow, seen: tuple[Bits, Bits], covers: tuple[Bits, Bits], config: VerifyConfig
 ) -> float:
     """Of one pair; `there` leads from the right patch to the left one."""
-    size = len(there)
-    grid = np.stack(np.meshgrid(*[np.arange(size, dtype=np.float32)] * 2), axis=-1)
-    at = grid + there
+    along = np.arange(len(there), dtype=np.float32)
+    at = there.copy()
+    at[..., 0] += along
+    at[..., 1] += along[:, None]
 
     def of_left(values: NDArray[np.uint8]) -> Bits:
         return np.asarray(cv2.remap(values, at, None, cv2.INTER_NEAREST) > 0)

@@ -1,0 +1,36 @@
+"""Rows on several cores, in threads: for work that is nearly all in libraries that let go of Python's lock meanwhile,
+as OpenCV, GEOS, and NumPy on large arrays do."""
+
+import functools
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+T = TypeVar("T")
+_this_thread = threading.local()
+
+
+def in_chunks(do: Callable[[slice], T], count: int, size: int) -> list[T]:
+    """What `do` returns for each slice of `size` rows of `count`, in their order.
+
+    Slices do not depend on the number of cores, so results do not. Within `do`, further calls use one core.
+    """
+    slices = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    if len(slices) < 2 or usable() < 2 or hasattr(_this_thread, "is_ours"):
+        return [do(rows) for rows in slices]
+    return list(_pool(os.getpid(), usable()).map(do, slices))
+
+
+def usable() -> int:
+    """Cores that this process may use: those that the system gives it, and at most `OMP_NUM_THREADS`."""
+    given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, min(given, int(wanted))) if wanted.isdecimal() else given
+
+
+@functools.lru_cache(1)
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """Of one `process`, as a forked one has no threads."""
+    return ThreadPoolExecutor(threads, "zpm2-cores", lambda: setattr(_this_thread, "is_ours", True))

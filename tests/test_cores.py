@@ -1,0 +1,56 @@
+"""Rows on several cores."""
+
+import threading
+
+import pytest
+
+from zpm2 import cores
+from zpm2.cores import in_chunks
+
+
+def rows_of(part: slice) -> list[int]:
+    return list(range(part.start, part.stop))
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+@pytest.mark.parametrize("count", [0, 1, 4, 5, 23])
+def test_chunks_cover_all_rows_in_order(monkeypatch, threads, count):
+    monkeypatch.setattr(cores, "usable", lambda: int(threads))
+    assert [row for part in in_chunks(rows_of, count, 4) for row in part] == list(range(count))
+
+
+def test_chunks_do_not_depend_on_the_number_of_cores(monkeypatch):
+    found = []
+    for threads in (1, 4):
+        monkeypatch.setattr(cores, "usable", lambda threads=threads: threads)
+        found.append(in_chunks(lambda part: (part.start, part.stop), 10, 3))
+    assert found[0] == found[1] == [(0, 3), (3, 6), (6, 9), (9, 10)]
+
+
+def test_several_cores_work_at_the_same_time(monkeypatch):
+    monkeypatch.setattr(cores, "usable", lambda: 2)
+    both = threading.Barrier(2, timeout=10)
+    in_chunks(lambda part: both.wait(), 2, 1)  # BrokenBarrierError if one waits for the other to end
+
+
+def test_chunks_within_chunks_stay_in_their_thread(monkeypatch):
+    monkeypatch.setattr(cores, "usable", lambda: 2)
+
+    def names(part: slice) -> set[str]:
+        return {threading.current_thread().name, *in_chunks(lambda _: threading.current_thread().name, 8, 1)}
+
+    assert [len(found) for found in in_chunks(names, 8, 1)] == [1] * 8
+
+
+def test_an_error_is_raised(monkeypatch):
+    monkeypatch.setattr(cores, "usable", lambda: 2)
+    with pytest.raises(ZeroDivisionError):
+        in_chunks(lambda part: 1 // part.start, 4, 1)
+
+
+@pytest.mark.parametrize(("given", "expected"), [("1", 1), ("", None), ("no number", None), ("100000", None)])
+def test_usable_cores_are_limited_as_those_of_other_libraries(monkeypatch, given, expected):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    most = cores.usable()
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    assert cores.usable() == (expected or most)
