@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from zpm2.config import Config
 from zpm2.global_match import InitialGeometry
-from zpm2.model import Image, PolygonArrays, thin
-from zpm2.polygons.shapes import from_shape
+from zpm2.model import Image, Polygon, PolygonArrays, thin
+from zpm2.polygons.shapes import rings_of
 from zpm2.polygons.warp import warp_by_points
 from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.mask_view import decoded_size
@@ -70,7 +70,7 @@ def shared_part(images: tuple[Image, Image], initial: InitialGeometry, config: C
     x, y = np.meshgrid(np.arange(0, left.width, side), np.arange(0, left.height, side))
     ends = np.minimum(x + side, left.width), np.minimum(y + side, left.height)
     cells = shapely.box(x.ravel(), y.ravel(), ends[0].ravel(), ends[1].ravel())
-    polygons = PolygonArrays([from_shape(cell, k) for k, cell in enumerate(cells)])
+    polygons = PolygonArrays([Polygon(k, exterior) for k, (exterior,) in enumerate(rings_of(cells))])
     warped = warp_by_points(polygons, *initial.forward(), config.local_match).shapes
     seen = shapely.intersects(shapely.centroid(warped), shapely.box(0, 0, right.width, right.height))
     return SharedPart(((left.width, left.height), (right.width, right.height)), cells[seen], warped[seen])

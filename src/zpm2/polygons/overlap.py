@@ -4,10 +4,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2.cores import in_chunks
 from zpm2.model import PolygonArrays
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-6  # share of an overlap by which areas may be rounded
+SHAPE_CHUNK = 32  # pairs of polygons that one core intersects at a time
 
 
 def iou(first: NDArray[np.object_], second: NDArray[np.object_], least: float | Array = 0.0) -> Array:
@@ -18,7 +20,9 @@ def iou(first: NDArray[np.object_], second: NDArray[np.object_], least: float | 
     areas = shapely.area(first), shapely.area(second)
     rows = np.flatnonzero(may_reach(areas, (shapely.bounds(first), shapely.bounds(second)), least))
     shared = np.zeros(len(areas[0]))
-    shared[rows] = shapely.area(shapely.intersection(first[rows], second[rows]))
+    one, two = first[rows], second[rows]
+    areas_of = in_chunks(lambda k: shapely.area(shapely.intersection(one[k], two[k])), len(rows), SHAPE_CHUNK)
+    shared[rows] = np.concatenate([np.zeros(0), *areas_of])
     union = areas[0] + areas[1] - shared
     return np.asarray(np.where(union > 0, shared / np.maximum(union, 1e-300), 0.0))
 

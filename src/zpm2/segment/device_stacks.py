@@ -23,10 +23,11 @@ def to_host(*tensors: Tensor) -> list[NDArray[np.generic]]:
 
 
 def on(array: NDArray[np.generic], device: torch.device) -> Tensor:
-    """An array on a device. Bits cross packed."""
+    """An array on a device. Bits cross packed. Nothing is waited for: CUDA copies what is not pinned aside first."""
     if array.dtype != np.bool_ or array.size < PACKED_PX:
-        return torch.from_numpy(np.ascontiguousarray(array)).to(device)
-    words = torch.from_numpy(np.packbits(np.asarray(array, np.bool_), bitorder="little")).to(device)
+        return torch.from_numpy(np.ascontiguousarray(array)).to(device, non_blocking=True)
+    packed = np.packbits(np.asarray(array, np.bool_), bitorder="little")
+    words = torch.from_numpy(packed).to(device, non_blocking=True)
     bits = (words[:, None] >> torch.arange(8, dtype=torch.uint8, device=device)) & 1
     return bits.flatten()[: array.size].view(torch.bool).reshape(array.shape)
 
