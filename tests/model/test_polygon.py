@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.model import Polygon, PolygonArrays
+from zpm2.model import Polygon, PolygonArrays, shapes_of
 
 SQUARE = np.array([[2.0, 1], [12, 1], [12, 11], [2, 11]])
 HOLE = np.array([[4.0, 3], [4, 7], [6, 7], [6, 3]])
@@ -49,3 +49,13 @@ def test_no_polygons_are_arrays_of_the_right_shape():
     assert len(arrays) == 0
     assert (arrays.centers.shape, arrays.bounds.shape, arrays.areas.shape) == ((0, 2), (0, 4), (0,))
     assert arrays.ids.dtype == np.int64
+
+
+def test_shapes_made_together_are_those_made_one_by_one():
+    polygons = [Polygon(0, SQUARE, (HOLE,)), Polygon(1, SQUARE[:3]), Polygon(2, SQUARE + 20, (HOLE + 20, HOLE + 23))]
+    known = polygons[1].shape
+    for shape, polygon in zip(shapes_of(polygons), polygons, strict=True):
+        assert shape.equals_exact(shapely.Polygon(polygon.exterior, polygon.holes))
+        assert polygon.shape is shape
+    assert polygons[1].shape is known
+    assert shapes_of([]).shape == (0,)

@@ -10,7 +10,7 @@ from zpm2.config import VectorizeConfig
 from zpm2.model import Mask
 from zpm2.polygons.nest import with_parents
 from zpm2.polygons.rasterize import rasterize
-from zpm2.polygons.shapes import from_shape
+from zpm2.polygons.shapes import from_shape, rings_of
 from zpm2.polygons.trace import pieces, trace
 from zpm2.polygons.vectorize import vectorize
 
@@ -279,3 +279,29 @@ def test_rasterized_neighbours_share_no_pixel_and_leave_none_out(points, shift):
     assert count.max() <= 1
     hull = rasterize(corners.convex_hull)
     assert count.sum() == hull.bits.sum()
+
+
+def test_rings_turn_one_way_and_holes_the_other():
+    square, hole = shapely.box(0, 0, 9, 9), shapely.box(2, 2, 4, 4)
+    for shape in (square.difference(hole), square.difference(hole).reverse()):
+        (exterior, inner), (alone,) = rings_of([shape, hole])
+        assert signed_area(exterior) == 81
+        assert signed_area(inner) == -4
+        assert signed_area(alone) == 4
+        assert len(exterior) == len(inner) == len(alone) == 4
+    assert rings_of([]) == []
+
+
+def signed_area(ring):
+    x, y = ring.T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+
+
+def test_no_more_pieces_than_asked_for_and_the_largest_first():
+    bits = np.zeros((5, 20), bool)
+    for start, width in ((0, 2), (4, 5), (11, 3)):
+        bits[:, start : start + width] = True
+    assert [piece.x0 for piece in pieces(Mask(0, 0, bits))] == [4, 11, 0]
+    assert [piece.x0 for piece in pieces(Mask(0, 0, bits), most=2)] == [4, 11]
+    assert [piece.x0 for piece in pieces(Mask(0, 0, bits), min_area=15)] == [4, 11]
+    assert pieces(Mask(0, 0, np.zeros((0, 3), bool))) == []
