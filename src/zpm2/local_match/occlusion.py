@@ -65,9 +65,10 @@ def _beside_both(
 
 
 def _without(shapes: Shapes, rows: Rows, fronts: Shapes) -> Shapes:
-    """The shapes less what the `fronts` (f,) cover; front k hides a part of shape `rows[k]`. Rows ascend."""
+    """The shapes less what the `fronts` (f,) cover; front k hides a part of shape `rows[k]`.
+
+    One after the other: most of them cut little off, and their union costs five times as much."""
     result = shapes.copy()
-    found, first = np.unique(rows, return_index=True)
-    for row, hiding in zip(found, np.split(fronts, first)[1:], strict=True):
-        result[row] = shapely.difference(shapes[row], shapely.union_all(hiding))
+    for row, front in zip(rows, fronts, strict=True):
+        result[row] = shapely.difference(result[row], front)
     return result
