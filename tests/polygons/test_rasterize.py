@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from shapes import star
 
+from zpm2.polygons import rasterize as module
 from zpm2.polygons.rasterize import rasterize, rasterize_stack
 
 SIZE = 40, 30
@@ -33,7 +34,11 @@ def reference(shape: shapely.Geometry, size: tuple[int, int]) -> NDArray[np.bool
         shapely.Polygon(),
     ],
 )
-def test_a_stack_is_the_loop_over_pixels(shape: shapely.Geometry) -> None:
+@pytest.mark.parametrize("few_cells", [0, 1000], ids=["line by line", "cell by cell"])
+def test_a_stack_is_the_loop_over_pixels(
+    monkeypatch: pytest.MonkeyPatch, few_cells: int, shape: shapely.Geometry
+) -> None:
+    monkeypatch.setattr(module, "FEW_CELLS", few_cells)
     other = shapely.Point(9, 9).buffer(4)
     bits = rasterize_stack(np.array([other, shape, other], object), SIZE)
     assert np.array_equal(bits[1], reference(shape, SIZE))

@@ -12,7 +12,7 @@ from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
 PAIR_CHUNK = 256  # pairs that are compared at a time
-PATCH_CHUNK = 32  # patches that are sampled at a time
+PATCH_CELLS = 1 << 16  # of patches that are sampled at a time: what a core keeps near
 
 
 class TexturePatches:
@@ -37,7 +37,7 @@ class TexturePatches:
             rows = usable[part]
             self._sample(rows, frames[rows], to_image[rows], image)
 
-        in_chunks(sample, len(usable), PATCH_CHUNK)
+        in_chunks(sample, len(usable), max(1, PATCH_CELLS // size**2))
 
     def _sample(self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, image: Image) -> None:
         x0, y0, x1, y1 = shapely.bounds(frames).T
