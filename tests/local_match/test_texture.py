@@ -124,7 +124,7 @@ def test_parts_do_not_show(monkeypatch):
         return first.values, correlation((first, second), Candidates(i, j), MIN_CONTRAST)
 
     values, whole = both()
-    monkeypatch.setattr(module, "PATCH_CHUNK", 2)
+    monkeypatch.setattr(module, "PATCH_CELLS", 2 * SIZE**2)
     monkeypatch.setattr(module, "PAIR_CHUNK", 3)
     again, parts = both()
     assert np.array_equal(values, again)
