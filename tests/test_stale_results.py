@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import boards
@@ -23,6 +24,14 @@ from zpm2.evaluate.rendered import render_scene
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 QUICK = ("--set", "points.methods=sift", "--device", "cpu")
+
+
+@pytest.fixture(autouse=True)
+def as_in_a_terminal() -> Iterator[None]:
+    """Ctrl-C interrupts, also where pytest is a job in the background of a script, in which shells ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 class Counting:

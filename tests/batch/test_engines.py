@@ -82,6 +82,13 @@ def test_a_worker_that_dies_is_replaced_and_its_pair_done(engine: Callable[[], E
 
 
 @MORTAL
+def test_an_engine_runs_more_than_once(engine: Callable[[], Engine], tmp_path: Path) -> None:
+    pairs, same = listed(tmp_path, ["a", "b"]), engine()
+    for name in ("out", "again"):
+        assert batch.run(pairs, job(tmp_path / name), engine=same).done == 2
+
+
+@MORTAL
 def test_what_is_wrong_with_all_pairs_ends_the_run(engine: Callable[[], Engine], tmp_path: Path) -> None:
     pairs = listed(tmp_path, ["a"])
     with pytest.raises(WeightsError, match="no weights"):

@@ -54,8 +54,8 @@ class RayEngine:
     """
 
     def __init__(self, workers: int, address: str | None = None, cpus: float = 1.0, gpus: float = 0.0) -> None:
-        self.workers, self.cpus, self.gpus, self._here = workers, cpus, gpus, address is None
-        self._ray, self._ours = _connected(address, max(workers * cpus, os.cpu_count() or 1))
+        self.workers, self.cpus, self.gpus, self.address = workers, cpus, gpus, address
+        self._ray, self._ours = self._connected()
         room = self._ray.cluster_resources()
         if room.get("CPU", 0) < cpus or room.get("GPU", 0) < gpus:
             shown = ", ".join(f"{room.get(name, 0):g} {name}" for name in ("CPU", "GPU"))
@@ -64,9 +64,11 @@ class RayEngine:
     def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
         """See `Engine`."""
         ray = self._ray
+        if not ray.is_initialized():  # it ended with the run before
+            _, self._ours = self._connected()
         nodes = sum(bool(node["Alive"]) for node in ray.nodes())
         made = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus)(RayWorker)
-        places = sys.path if self._here else []  # of plug-ins; in a cluster, packages are installed on each machine
+        places = sys.path if self.address is None else []  # of plug-ins; a cluster has packages on each machine
         more = job, -(-self.workers // nodes), places
         crew = [_Hand(made.remote(*more)) for _ in range(min(self.workers, len(supply)))]
         try:
@@ -99,6 +101,9 @@ class RayEngine:
                 supply.stopped(hand.given)
             if self._ours:
                 ray.shutdown()
+
+    def _connected(self) -> "tuple[ModuleType, bool]":
+        return _connected(self.address, max(self.workers * self.cpus, os.cpu_count() or 1))
 
 
 def _connected(address: str | None, cpus: float) -> "tuple[ModuleType, bool]":
