@@ -97,6 +97,13 @@ class DetailConfig:
         high=10_000,
         source="without any, neighbours alone place it: 23 of 35 were right, and 154 of 166 others",
     )
+    reach: float = number(
+        12.0,
+        "from a prompt of a window to the next homologous point, at most",
+        unit="px of a decoded mask",
+        high=1000.0,
+        source=CLOSER,
+    )
     min_new: int = number(
         2, "matches that a window must add, else it is the last one of its size", high=100_000, source=CLOSER
     )
