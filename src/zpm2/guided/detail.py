@@ -65,7 +65,7 @@ def look_closer(
     for halving in windows.candidates(part, config):
         rest = list(halving)
         while rest and done < most:
-            blobs = windows.open_blobs(images[0], part, _matched(pair, matches), initial.points.left, config)
+            blobs = windows.open_blobs(images[0], part, _matched(pair, matches), config)
             held = [int(windows.inside(blobs, window.left).sum()) for window in rest]
             if max(held) < detail.min_blobs:
                 break
@@ -100,19 +100,18 @@ class _Window:
 
     def points(self, k: int) -> NDArray[np.bool_]:
         """(height, width) of a decoded mask of window k: the pixels with homologous points. What holds none of them
-        will not be matched."""
+        is not matched."""
         view, points = self.views[k], self.initial.forward()[0]
-        at = (points.right - self.boxes.right[:2]) if k else (points.left - self.boxes.left[:2])
-        column, row = np.floor(at * view.mask_scale).astype(np.int64).T
-        here = (column >= 0) & (row >= 0) & (column < view.size[1]) & (row < view.size[0])
-        result = np.zeros(view.size, bool)
-        result[row[here], column[here]] = True
+        result = np.full(view.size, self.config.segment.detail.min_points == 0)
+        at = np.floor(((points.left, points.right)[k] - self.boxes[k][:2]) * view.mask_scale).astype(np.int64)
+        column, row = at[((at >= 0) & (at < view.size[::-1])).all(1)].T
+        result[row, column] = True
         return result
 
     def segment(self, k: int) -> SegmentConfig:
         """How window k is prompted: as densely on the image as the whole view, and at blobs that were too small
         there."""
-        segment, box = self.config.segment, (self.boxes.left, self.boxes.right)[k]
+        segment, box = self.config.segment, self.boxes[k]
         scale = max(box[2] - box[0], box[3] - box[1]) / max(self.images[k].width, self.images[k].height)
         sigmas = segment.prompts.blob_sigmas
         small = tuple(sigma for sigma in sigmas if sigma * scale <= min(sigmas))
@@ -125,7 +124,8 @@ class _Window:
         pixels `where`, near homologous points."""
         view, loose, points = self.views[k], loose_thresholds(self.config), self.points(k)
         near = within(self.config.segment.detail.reach, points)
-        found = automatic.automatic_masks(view, self.segment(k), loose, known, where=near if where is None else near & where)
+        at = near if where is None else near & where
+        found = automatic.automatic_masks(view, self.segment(k), loose, known, where=at)
         found = family.with_families(view, found, self.segment(k), loose, where, points)
         new = self.uncut(k, found[found.prompt != KNOWN])
         return view_regions(view, new, self.config, int((new.prompt == ASKED_FOR).sum()))
@@ -135,10 +135,10 @@ class _Window:
         there = moved(self.initial.forward(), self.boxes.left, self.boxes.right)
         back = moved(self.initial.backward(), self.boxes.right, self.boxes.left)
         there, back = (there, back) if k else (back, there)
-        guided = self.config.guided
-        points = 1 if k == 0 else guided.points  # TODO
-        config = dataclasses.replace(self.config, guided=dataclasses.replace(guided, points=points))
-        accepted = accepted_masks(self.views[k], regions, there, back, config, self.config.segment.detail.min_points)
+        config, least = self.config, self.config.segment.detail.min_points
+        if k == 0:  # where one point finds no mask on the way back, several hardly do
+            config = dataclasses.replace(config, guided=dataclasses.replace(config.guided, points=1))
+        accepted = accepted_masks(self.views[k], regions, there, back, config, least)
         rows = np.arange(len(accepted.predictions))
         whole = self.uncut(k, dataclasses.replace(accepted.predictions, prompt=rows))
         marked = dataclasses.replace(whole, prompt=np.full(len(whole), ASKED_FOR))
@@ -155,7 +155,7 @@ class _Window:
 
     def uncut(self, k: int, predictions: MaskPredictions) -> MaskPredictions:
         """Without masks of image k that touch a border of the window which is no border of the image."""
-        box, size = (self.boxes.left, self.boxes.right)[k], (self.images[k].width, self.images[k].height)
+        box, size = self.boxes[k], (self.images[k].width, self.images[k].height)
         view, bounds = self.views[k], predictions.extent.box
         inner = np.array([box[0] > 0, box[1] > 0, box[2] < size[0], box[3] < size[1]])
         height, width = view.size
@@ -165,9 +165,8 @@ class _Window:
 
 def _in_window(pair: DetectedPair, matches: Sequence[PolygonMatch], window: _Window) -> DetectedPair:
     """`pair`, and what the window shows beyond it."""
-    earlier = window.earlier
-    left = _Known.of(pair.left, [m.left for m in matches], window.views[0], window.boxes.left, [e.left for e in earlier])
-    right = _Known.of(pair.right, [m.right for m in matches], window.views[1], window.boxes.right, [e.right for e in earlier])
+    left = _Known.of(pair.left, [m.left for m in matches], window, 0)
+    right = _Known.of(pair.right, [m.right for m in matches], window, 1)
     new_left = window.regions(0, left.masks, window.shown())
     asked = window.asked_for(1, _both(left.alone, new_left))
     new_right = window.regions(1, MaskPredictions.join([right.masks, asked]), None)
@@ -185,18 +184,17 @@ class _Known:
     """The known regions of one image in a window."""
 
     masks: MaskPredictions  # of all that the window shows; their prompt is KNOWN
-    alone: ViewRegions  # the unmatched ones that lie wholly in the window, px of the window
+    alone: ViewRegions  # the unmatched ones that lie wholly in the window, and that no window asked for; px of it
 
     @staticmethod
-    def of(
-        regions: Regions, matched: Sequence[int], view: PromptedView, box: Box, earlier: Sequence[Box]
-    ) -> "_Known":
-        """`matched` are rows of `regions`, and `earlier` windows asked for the others in them."""
+    def of(regions: Regions, matched: Sequence[int], window: _Window, k: int) -> "_Known":
+        """`matched` are rows of the `regions` of image k."""
+        view, box = window.views[k], window.boxes[k]
         frame, free = shapely.box(*box), ~regions.closer
         free[list(matched)] = False
         shapes = np.array([polygon.shape for polygon in regions.polygons], object)
-        for seen in earlier:
-            free &= ~shapely.within(shapes, shapely.box(*seen))
+        for earlier in window.earlier:
+            free &= ~shapely.within(shapes, shapely.box(*earlier[k]))
         rows = shapely.STRtree(shapes).query(frame, predicate="intersects")
         rows = np.sort(rows)
         cover = view.cover(shapely.transform(shapes[rows], lambda xy: xy - box[:2]))
@@ -222,6 +220,8 @@ def moved(points_and_h: PointsAndH, here: Box, there: Box) -> PointsAndH:
 
 def within(reach: float, pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(height, width) what is at most so many px from one of the `pixels`."""
+    if not pixels.any():
+        return pixels
     squared = cv2.distanceTransform((~pixels).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) ** 2
     return np.asarray(np.rint(squared) <= reach**2)  # whole numbers; OpenCV's last bits depend on the machine
 

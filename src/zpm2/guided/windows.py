@@ -7,11 +7,11 @@ differ from their surroundings, and lie in no matched region of about their size
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from zpm2.config import Config
 from zpm2.global_match import InitialGeometry
@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: px of an image, whole numbers
 
 
-@dataclass(frozen=True)
-class WindowPair:
+class WindowPair(NamedTuple):
     """The same part of the scene in both images."""
 
     left: Box
@@ -77,19 +76,15 @@ def shared_part(images: tuple[Image, Image], initial: InitialGeometry, config: C
     return SharedPart(((left.width, left.height), (right.width, right.height)), cells[seen], warped[seen])
 
 
-def open_blobs(
-    image: Image, part: SharedPart, matched: NDArray[np.object_], homologous: Array, config: Config
-) -> Array:
-    """(k, 2) the blobs of the left image, px, that the right one shows, that are near one of its points `homologous`
-    (n, 2), and that lie in no polygon of about their size among `matched` (m,). They are as small as a window of the
-    first halving can show."""
+def open_blobs(image: Image, part: SharedPart, matched: NDArray[np.object_], config: Config) -> Array:
+    """(k, 2) the blobs of the left image, px, that the right one shows and that lie in no polygon of about their size
+    among `matched` (m,). They are as small as a window of the first halving can show."""
     closer = config.segment.detail.side / max(decoded_size(image)) * max(image.width, image.height)
     size = max(1, round(image.height / closer)), max(1, round(image.width / closer))
     found = blobs(image, has_data(image, size), config.segment.prompts)
     scale = np.array([image.width / size[1], image.height / size[0]])
     points, area = found.points * scale, found.area * scale.prod()
-    distance, _ = cKDTree(homologous).query(points)
-    shown = part.shown(points) & (distance <= config.segment.detail.reach * scale.max())
+    shown = part.shown(points)
     points, area = points[shown], area[shown]
     smallest = np.full(len(points), np.inf)
     blob, polygon = shapely.STRtree(matched).query(shapely.points(points), predicate="intersects")
