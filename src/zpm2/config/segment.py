@@ -58,7 +58,7 @@ class DetailConfig:
     min_coverage: float = share(
         0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
-    auto_windows: int = number(2, "at most, level auto", high=1000, source=CLOSER)
+    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
     )
