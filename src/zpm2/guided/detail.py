@@ -1,9 +1,11 @@
 """Finer regions where they pay: both images are looked at again in windows of the part that both show (`windows`).
 
 A window is one more view of each image, encoded at its full resolution. Regions that are known keep their prompts and
-masks away. New ones are carried to the other image as in `redetection`. A window may hold a part of a region only, so
-masks that touch a border of the window which is no border of the image are dropped, as in SAM's automatic mask
-generator (Kirillov et al. 2023, Appendix B). Only one window is encoded at a time.
+masks away. Prompts are made only where they may lead to a match: near homologous points, as its regions must share some
+(`detail.min_points`), at what was too small for the whole view, and for each known region in one window only. What is
+new is carried to the other image as in `redetection`. A window may hold a part of a region only, so masks that touch a
+border of the window which is no border of the image are dropped, as in SAM's automatic mask generator (Kirillov et al.
+2023, Appendix B). Only one window is encoded at a time.
 """
 
 import dataclasses
@@ -56,7 +58,7 @@ def look_closer(
     level auto nothing is done where the matched regions cover enough. The window with the most open blobs is next; a
     window that adds too few matches is the last one of its size.
     """
-    detail, done, earlier = config.segment.detail, 0, list[WindowPair]()
+    detail, done = config.segment.detail, list[WindowPair]()
     high = detail.level == "high"
     most = detail.high_windows if high else detail.auto_windows
     part = windows.shared_part(images, initial, config)
@@ -64,18 +66,18 @@ def look_closer(
         return pair
     for halving in windows.candidates(part, config):
         rest = list(halving)
-        while rest and done < most:
+        while rest and len(done) < most:
             blobs = windows.open_blobs(images[0], part, _matched(pair, matches), config)
             held = [int(windows.inside(blobs, window.left).sum()) for window in rest]
             if max(held) < detail.min_blobs:
                 break
             window = rest.pop(int(np.argmax(held)))
             crops = _crop(images[0], window.left), _crop(images[1], window.right)
-            looked = _Window(images, window, views(*crops), initial, part, config, tuple(earlier))
+            looked = _Window(images, window, views(*crops), initial, part, config, tuple(done))
             pair = _in_window(pair, matches, looked)
-            earlier.append(window)
-            before, matches, done = len(matches), match(pair), done + 1
-            progress(done / most)
+            done.append(window)
+            before, matches = len(matches), match(pair)
+            progress(len(done) / most)
             if len(matches) - before < detail.min_new:
                 break
     return pair
