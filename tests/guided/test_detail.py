@@ -229,17 +229,15 @@ def test_a_region_is_asked_for_in_one_window_only():
 def test_windows_are_asked_at_small_blobs_only():
     """The first look asks at the others."""
     scene = Pair()
-    pair, part = scene.detected(), None
     window = detail._Window(
         scene.images,
         detail.WindowPair((0, 0, 192, 192), (0, 0, SIDE, SIDE)),
         scene.whole,
         scene.initial,
-        part,
+        None,
         CONFIG,
         (),
     )
-    assert pair is not None
     assert window.segment(0).prompts.blob_sigmas == (1.5,)
     assert window.segment(1).prompts.blob_sigmas == (1.5,)
     assert window.segment(0).grid == CONFIG.segment.detail.grid
