@@ -127,13 +127,15 @@ class PairMatcher:
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
                 before = problem
-                closer = self._regions.look_closer(
-                    found, sure, initial, lambda more: self._judged(*self._match(more, before, nodes=False))[0]
-                )
-                if closer is not found:
-                    found = closer
-                    problem, matches = self._match(found, before)
+
+                def match(more: PairRegions) -> Sequence[PolygonMatch]:
+                    nonlocal found, problem, sure, rejected
+                    found = more
+                    problem, matches = self._match(more, before)
                     sure, rejected = self._judged(problem, matches)
+                    return sure
+
+                self._regions.look_closer(found, sure, initial, match)
         matches = same_scene_matches(sure, initial.same_scene)
         sides, matches = found.sides(matches, config.vectorize)
         sides = self._with_reasons(sides, matches, initial)
@@ -177,12 +179,10 @@ class PairMatcher:
             self._points.load()
             return self._points
 
-    def _match(
-        self, found: PairRegions, before: MatchProblem, nodes: bool = True
-    ) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
+    def _match(self, found: PairRegions, before: MatchProblem) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
         problem = self._locate(found, before.initial, before.known)
-        return problem, match_polygons(problem, self.config.local_match, nodes)
+        return problem, match_polygons(problem, self.config.local_match)
 
     def _judged(self, problem: MatchProblem, matches: Sequence[PolygonMatch]) -> tuple[list[PolygonMatch], list[str]]:
         """The matches that are sure enough, with their confidence, and a note on the others."""

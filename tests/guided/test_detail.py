@@ -43,18 +43,18 @@ def painted(shapes, seed):
 class Pair:
     """Two photographs, their whole views, and windows of them. `asked` are the windows that were encoded."""
 
-    def __init__(self, small=SMALL, large=LARGE, cut=()):
+    def __init__(self, small=SMALL, large=LARGE, cut=(), at=None):
         self.shapes = [[*small, *large, *cut], [moved(shape) for shape in (*small, *large, *cut)]]
         self.images = tuple(painted([*side], seed) for seed, side in enumerate(self.shapes))
         self.whole = tuple(
             PaintedView(image, [Region(shape) for shape in side if shape.area > 100])
             for image, side in zip(self.images, self.shapes, strict=True)
         )
-        at = np.random.default_rng(0).uniform(0, SIDE, (800, 2))
+        at = np.random.default_rng(0).uniform(0, SIDE, (800, 2)) if at is None else at
         every = np.ones(len(at), bool)
         points = PointMatches(at, geometry.project(H, at), np.ones(len(at)))
         self.initial = InitialGeometry(points, np.zeros((3, 3)), H, every, every)
-        self.asked = []
+        self.asked, self.prompted = [], []  # windows, and the views of each
 
     def views(self, *crops):
         found = []
@@ -64,7 +64,15 @@ class Pair:
             frame = shapely.box(0, 0, crop.width, crop.height)
             here = [shapely.transform(shape, lambda xy, low=low: xy - low) for shape in shapes]
             found.append(PaintedView(crop, [Region(s.intersection(frame)) for s in here if s.intersects(frame)]))
+        self.prompted.append(found)
         return tuple(found)
+
+    def prompts(self, side):
+        """(n, 2) where the windows of one side were prompted, px of the image."""
+        low = [np.array(box[:2]) for box in self.asked[side::2]]
+        return np.concatenate(
+            [np.reshape(v[side].asked, (-1, 2)) + at for v, at in zip(self.prompted, low, strict=True)]
+        )
 
     def detected(self, config=CONFIG):
         return redetection.detect(self.whole, self.initial, config)
@@ -181,6 +189,69 @@ def test_forward_only_asks_the_right_image():
     _, after = Pair().closer(forward)
     assert not after.left.guided.any()
     assert after.right.guided.any()
+
+
+def left_half():
+    at = np.random.default_rng(0).uniform(0, SIDE, (800, 2))
+    return at[at[:, 0] < 150]
+
+
+def test_without_points_near_no_match_can_be_so_nothing_is_asked():
+    scene = Pair(at=left_half())
+    scene.closer()
+    reach = CONFIG.segment.detail.reach * SIDE / 256  # windows are smaller than the image, and so is this there
+    for side, shift in enumerate((0, SHIFT[0])):
+        assert 20 < scene.prompts(side)[:, 0].max() <= 150 + shift + reach
+
+
+def test_without_a_rule_on_points_all_of_the_shared_part_is_asked():
+    scene = Pair(at=left_half())
+    scene.closer(config.assign(CONFIG, ["segment.detail.min_points=0"]))
+    assert scene.prompts(0)[:, 0].max() > 250
+
+
+def test_a_region_is_asked_for_in_one_window_only():
+    """A large region that has no match lies in both windows, and asks the first one."""
+    scene = Pair(small=[s for s in SMALL if not s.intersects(shapely.box(150, 150, 170, 170))])
+    inner = shapely.box(140, 140, 180, 175)
+    scene.whole[0].regions.append(Region(inner))
+    scene.whole[0].__post_init__()
+    pair = scene.detected()
+    lone = next(k for k, p in enumerate(pair.left.polygons) if p.shape.intersection(inner).area > 0.9 * inner.area)
+    _, after = scene.closer(pair=pair)
+    boxes = [shapely.box(*box) for box in scene.asked[::2]]
+    assert sum(box.contains(pair.left.polygons[lone].shape) for box in boxes) > 1
+    centre = np.array([[160.0, 157.5]]) + SHIFT
+    assert (np.linalg.norm(scene.prompts(1) - centre, axis=1) < 4).sum() <= CONFIG.guided.points
+    assert len(after.left) > len(pair.left)
+
+
+def test_windows_are_asked_at_small_blobs_only():
+    """The first look asks at the others."""
+    scene = Pair()
+    window = detail._Window(
+        scene.images,
+        detail.WindowPair((0, 0, 192, 192), (0, 0, SIDE, SIDE)),
+        scene.whole,
+        scene.initial,
+        None,
+        CONFIG,
+        (),
+    )
+    assert window.segment(0).prompts.blob_sigmas == (1.5,)
+    assert window.segment(1).prompts.blob_sigmas == (1.5,)
+    assert window.segment(0).grid == CONFIG.segment.detail.grid
+
+
+@pytest.mark.parametrize("reach", [0, 1, 1.5, 7.3, 100])
+def test_pixels_within_reach(reach):
+    rng = np.random.default_rng(5)
+    pixels = rng.random((40, 60)) < 0.01
+    row, column = np.nonzero(pixels)
+    y, x = np.mgrid[:40, :60]
+    distance = np.hypot(y[..., None] - row, x[..., None] - column).min(-1)
+    assert np.array_equal(detail.within(reach, pixels), distance <= reach)
+    assert not detail.within(reach, np.zeros((4, 5), bool)).any()
 
 
 def test_points_and_h_between_windows():

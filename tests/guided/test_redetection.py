@@ -166,6 +166,16 @@ def test_what_the_other_image_does_not_show_is_not_asked_about():
     assert abs(len(views[1].asked) - before - visible) <= 1
 
 
+def test_regions_without_enough_points_of_their_own_are_not_asked_about():
+    views, initial = scene(points=20)
+    asked = redetection.everything(views[0], CONFIG)
+    there, back = initial.forward(), initial.backward()
+    inside = shapely.contains(PolygonArrays(asked.polygons).shapes[:, None], shapely.points(there[0].left)).sum(1)
+    accepted = redetection.accepted_masks(views[1], asked, there, back, CONFIG, own_points=1)
+    assert 0 < (inside == 0).sum() < 16
+    assert sorted(accepted.predictions.prompt) == np.flatnonzero(inside).tolist()
+
+
 def test_doubtful_regions_stay_only_if_they_are_matched():
     views, initial = scene()
     doubt = {1, 4, 9}

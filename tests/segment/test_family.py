@@ -128,3 +128,13 @@ def test_the_same_bytes_twice() -> None:
     first, second = (with_families(seen, one(seen), CONFIG, LOOSE) for seen in (view(), view()))
     assert np.array_equal(first.logits, second.logits)
     assert np.array_equal(first.prompt, second.prompt)
+
+
+def test_elements_hold_one_of_the_pixels() -> None:
+    seen = view()
+    holding = np.zeros(seen.size, bool)
+    holding[:, :100] = True
+    found = with_families(seen, one(seen), CONFIG, LOOSE, holding=holding)
+    x = np.array([np.flatnonzero(bits.any(0)).min() for bits in found.bits[1:]])
+    assert len(found) > 30
+    assert (x < 100).all()

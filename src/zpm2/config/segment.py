@@ -58,7 +58,7 @@ class DetailConfig:
     min_coverage: float = share(
         0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
-    auto_windows: int = number(2, "at most, level auto", high=1000, source=CLOSER)
+    auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"
     )
@@ -96,6 +96,13 @@ class DetailConfig:
         "homologous points that such a match shares",
         high=10_000,
         source="without any, neighbours alone place it: 23 of 35 were right, and 154 of 166 others",
+    )
+    reach: float = number(
+        12.0,
+        "from a prompt of a window to the next homologous point, at most",
+        unit="px of a decoded mask",
+        high=1000.0,
+        source=CLOSER,
     )
     min_new: int = number(
         2, "matches that a window must add, else it is the last one of its size", high=100_000, source=CLOSER

@@ -1,15 +1,18 @@
 """Finer regions where they pay: both images are looked at again in windows of the part that both show (`windows`).
 
 A window is one more view of each image, encoded at its full resolution. Regions that are known keep their prompts and
-masks away. New ones are carried to the other image as in `redetection`. A window may hold a part of a region only, so
-masks that touch a border of the window which is no border of the image are dropped, as in SAM's automatic mask
-generator (Kirillov et al. 2023, Appendix B). Only one window is encoded at a time.
+masks away. Prompts are made only where they may lead to a match: near homologous points, as its regions must share some
+(`detail.min_points`), at what was too small for the whole view, and for each known region in one window only. What is
+new is carried to the other image as in `redetection`. A window may hold a part of a region only, so masks that touch a
+border of the window which is no border of the image are dropped, as in SAM's automatic mask generator (Kirillov et al.
+2023, Appendix B). Only one window is encoded at a time.
 """
 
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -55,7 +58,7 @@ def look_closer(
     level auto nothing is done where the matched regions cover enough. The window with the most open blobs is next; a
     window that adds too few matches is the last one of its size.
     """
-    detail, done = config.segment.detail, 0
+    detail, done = config.segment.detail, list[WindowPair]()
     high = detail.level == "high"
     most = detail.high_windows if high else detail.auto_windows
     part = windows.shared_part(images, initial, config)
@@ -63,16 +66,18 @@ def look_closer(
         return pair
     for halving in windows.candidates(part, config):
         rest = list(halving)
-        while rest and done < most:
+        while rest and len(done) < most:
             blobs = windows.open_blobs(images[0], part, _matched(pair, matches), config)
             held = [int(windows.inside(blobs, window.left).sum()) for window in rest]
             if max(held) < detail.min_blobs:
                 break
             window = rest.pop(int(np.argmax(held)))
             crops = _crop(images[0], window.left), _crop(images[1], window.right)
-            pair = _in_window(pair, matches, _Window(images, window, views(*crops), initial, part, config))
-            before, matches, done = len(matches), match(pair), done + 1
-            progress(done / most)
+            looked = _Window(images, window, views(*crops), initial, part, config, tuple(done))
+            pair = _in_window(pair, matches, looked)
+            done.append(window)
+            before, matches = len(matches), match(pair)
+            progress(len(done) / most)
             if len(matches) - before < detail.min_new:
                 break
     return pair
@@ -88,23 +93,42 @@ class _Window:
     initial: InitialGeometry
     part: windows.SharedPart
     config: Config
+    earlier: tuple[WindowPair, ...]  # those that were looked at before it
 
-    @property
-    def shared(self) -> NDArray[np.bool_]:
+    def shown(self) -> NDArray[np.bool_]:
         """(height, width) of a decoded mask of the left window: what the right image shows."""
         cells = shapely.transform(self.part.cells, lambda xy: xy - self.boxes.left[:2])
         return np.asarray(self.views[0].cover(cells).any(0))
 
-    @property
-    def segment(self) -> SegmentConfig:
-        """How densely a window is prompted."""
-        return dataclasses.replace(self.config.segment, grid=self.config.segment.detail.grid)
+    def points(self, k: int) -> NDArray[np.bool_]:
+        """(height, width) of a decoded mask of window k: the pixels with homologous points. What holds none of them
+        is not matched."""
+        view, points = self.views[k], self.initial.forward()[0]
+        result = np.full(view.size, self.config.segment.detail.min_points == 0)
+        at = np.floor(((points.left, points.right)[k] - self.boxes[k][:2]) * view.mask_scale).astype(np.int64)
+        column, row = at[((at >= 0) & (at < view.size[::-1])).all(1)].T
+        result[row, column] = True
+        return result
+
+    def segment(self, k: int) -> SegmentConfig:
+        """How window k is prompted: as densely on the image as the whole view, and at blobs that were too small
+        there."""
+        segment, box = self.config.segment, self.boxes[k]
+        scale = max(box[2] - box[0], box[3] - box[1]) / max(self.images[k].width, self.images[k].height)
+        sigmas = segment.prompts.blob_sigmas
+        small = tuple(sigma for sigma in sigmas if sigma * scale <= min(sigmas))
+        return dataclasses.replace(
+            segment, grid=segment.detail.grid, prompts=dataclasses.replace(segment.prompts, blob_sigmas=small)
+        )
 
     def regions(self, k: int, known: MaskPredictions, where: NDArray[np.bool_] | None) -> ViewRegions:
-        """Everything in image k but what is KNOWN, first what was ASKED_FOR, and the families of all these."""
-        view, loose = self.views[k], loose_thresholds(self.config)
-        found = automatic.automatic_masks(view, self.segment, loose, known, where=where)
-        found = family.with_families(view, found, self.segment, loose, where)
+        """Everything in image k but what is KNOWN, first what was ASKED_FOR, and the families of all these, at the
+        pixels `where`, near homologous points."""
+        view, loose, points = self.views[k], loose_thresholds(self.config), self.points(k)
+        near = within(self.config.segment.detail.reach, points)
+        at = near if where is None else near & where
+        found = automatic.automatic_masks(view, self.segment(k), loose, known, where=at)
+        found = family.with_families(view, found, self.segment(k), loose, where, points)
         new = self.uncut(k, found[found.prompt != KNOWN])
         return view_regions(view, new, self.config, int((new.prompt == ASKED_FOR).sum()))
 
@@ -113,24 +137,27 @@ class _Window:
         there = moved(self.initial.forward(), self.boxes.left, self.boxes.right)
         back = moved(self.initial.backward(), self.boxes.right, self.boxes.left)
         there, back = (there, back) if k else (back, there)
-        accepted = accepted_masks(self.views[k], regions, there, back, self.config)
+        config, least = self.config, self.config.segment.detail.min_points
+        if k == 0:  # where one point finds no mask on the way back, several hardly do
+            config = dataclasses.replace(config, guided=dataclasses.replace(config.guided, points=1))
+        accepted = accepted_masks(self.views[k], regions, there, back, config, least)
         rows = np.arange(len(accepted.predictions))
         whole = self.uncut(k, dataclasses.replace(accepted.predictions, prompt=rows))
         marked = dataclasses.replace(whole, prompt=np.full(len(whole), ASKED_FOR))
-        return automatic.without_duplicates(marked, accepted.overlap[whole.prompt], self.segment, self.views[k])
+        return automatic.without_duplicates(marked, accepted.overlap[whole.prompt], self.segment(k), self.views[k])
 
     def beside(self, k: int, known: Sequence[MaskPredictions], asked: MaskPredictions) -> ViewRegions:
         """Those of the masks `asked` for in image k, best first, that are no known regions."""
         both = MaskPredictions.join([*known, asked])
         rank, first = np.arange(len(both), 0.0, -1.0), len(both) - len(asked)
         marked = dataclasses.replace(both, prompt=np.arange(len(both)))
-        kept = automatic.without_duplicates(marked, rank, self.segment, self.views[k])
+        kept = automatic.without_duplicates(marked, rank, self.segment(k), self.views[k])
         new = kept[kept.prompt >= first]
         return view_regions(self.views[k], new, self.config, len(new))
 
     def uncut(self, k: int, predictions: MaskPredictions) -> MaskPredictions:
         """Without masks of image k that touch a border of the window which is no border of the image."""
-        box, size = (self.boxes.left, self.boxes.right)[k], (self.images[k].width, self.images[k].height)
+        box, size = self.boxes[k], (self.images[k].width, self.images[k].height)
         view, bounds = self.views[k], predictions.extent.box
         inner = np.array([box[0] > 0, box[1] > 0, box[2] < size[0], box[3] < size[1]])
         height, width = view.size
@@ -140,9 +167,9 @@ class _Window:
 
 def _in_window(pair: DetectedPair, matches: Sequence[PolygonMatch], window: _Window) -> DetectedPair:
     """`pair`, and what the window shows beyond it."""
-    left = _Known.of(pair.left, [m.left for m in matches], window.views[0], window.boxes.left)
-    right = _Known.of(pair.right, [m.right for m in matches], window.views[1], window.boxes.right)
-    new_left = window.regions(0, left.masks, window.shared)
+    left = _Known.of(pair.left, [m.left for m in matches], window, 0)
+    right = _Known.of(pair.right, [m.right for m in matches], window, 1)
+    new_left = window.regions(0, left.masks, window.shown())
     asked = window.asked_for(1, _both(left.alone, new_left))
     new_right = window.regions(1, MaskPredictions.join([right.masks, asked]), None)
     found = [new_left]
@@ -159,14 +186,17 @@ class _Known:
     """The known regions of one image in a window."""
 
     masks: MaskPredictions  # of all that the window shows; their prompt is KNOWN
-    alone: ViewRegions  # the unmatched ones that lie wholly in the window, px of the window
+    alone: ViewRegions  # the unmatched ones that lie wholly in the window, and that no window asked for; px of it
 
     @staticmethod
-    def of(regions: Regions, matched: Sequence[int], view: PromptedView, box: Box) -> "_Known":
-        """`matched` are rows of `regions`."""
-        frame, free = shapely.box(*box), np.ones(len(regions), bool)
+    def of(regions: Regions, matched: Sequence[int], window: _Window, k: int) -> "_Known":
+        """`matched` are rows of the `regions` of image k."""
+        view, box = window.views[k], window.boxes[k]
+        frame, free = shapely.box(*box), ~regions.closer
         free[list(matched)] = False
         shapes = shapes_of(regions.polygons)
+        for earlier in window.earlier:
+            free &= ~shapely.within(shapes, shapely.box(*earlier[k]))
         rows = shapely.STRtree(shapes).query(frame, predicate="intersects")
         rows = np.sort(rows)
         cover = view.cover(shapely.transform(shapes[rows], lambda xy: xy - box[:2]))
@@ -188,6 +218,14 @@ def moved(points_and_h: PointsAndH, here: Box, there: Box) -> PointsAndH:
     if isinstance(h, Failed):
         return shifted, h
     return shifted, translation(-there[0], -there[1]) @ h @ translation(*here[:2])
+
+
+def within(reach: float, pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(height, width) what is at most so many px from one of the `pixels`."""
+    if not pixels.any():
+        return pixels
+    squared = cv2.distanceTransform((~pixels).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) ** 2
+    return np.asarray(np.rint(squared) <= reach**2)  # whole numbers; OpenCV's last bits depend on the machine
 
 
 def _matched(pair: DetectedPair, matches: Sequence[PolygonMatch]) -> NDArray[np.object_]:

@@ -165,12 +165,18 @@ def drop_unconfirmed(
 
 
 def accepted_masks(
-    view: PromptedView, regions: ViewRegions, there: PointsAndH, back: PointsAndH, config: Config
+    view: PromptedView,
+    regions: ViewRegions,
+    there: PointsAndH,
+    back: PointsAndH,
+    config: Config,
+    own_points: int = 0,
 ) -> AcceptedMasks:
     """For each of the other image's `regions`, the mask in `view` that overlaps it most, if it is good enough.
 
     `there` maps from the regions' image to the view's, `back` the other way. Regions of which the view shows
-    too little, or only a few pixels of a decoded mask, are no prompts (`config.guided`).
+    too little, or only a few pixels of a decoded mask, are no prompts (`config.guided`), nor are those that
+    hold fewer than `own_points` homologous points.
     """
     limits = config.guided
     polygons = PolygonArrays(regions.polygons)
@@ -178,6 +184,7 @@ def accepted_masks(
     cover = view.cover(warped.shapes)
     target = _Target.of(cover, _shown(view, polygons, warped, regions.view, config))
     rows = _prompting(view, cover, warped.shapes, config)
+    rows = rows[warped.own[rows] >= own_points]
     found = []
     for points in sorted({1, limits.points}):  # first the cheap question, which most regions answer
         predictions = _predict_in(view, cover, rows, points, config)

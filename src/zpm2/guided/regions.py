@@ -122,12 +122,12 @@ class RegionFinder:
         matches: Sequence[PolygonMatch],
         initial: InitialGeometry,
         match: Callable[["PairRegions"], Sequence[PolygonMatch]],
-    ) -> "PairRegions":
-        """`found`, with the matches that it has, and the regions that a closer look finds where it pays (`detail`).
-        `match` finds the matches of regions. `found` itself where nothing is to be looked at."""
+    ) -> None:
+        """Looks closer where it pays (`detail`). `found` has the `matches`. After each window, `match` receives `found`
+        with the regions that were found so far, and returns the matches of these."""
         assert found.prompted is not None
         prompted = [segmenter for segmenter in self.load() if isinstance(segmenter, PromptedSegmenter)]
-        more = detail.look_closer(
+        detail.look_closer(
             found.prompted,
             found.images,
             lambda first, second: _views(prompted, (first, second)),
@@ -137,7 +137,6 @@ class RegionFinder:
             self.config,
             lambda share: self.progress("detail", share),
         )
-        return found if more is found.prompted else self._guided(found.images, more, initial)
 
     def _guided(
         self, images: tuple[Image, Image], pair: redetection.DetectedPair, initial: InitialGeometry

@@ -7,6 +7,7 @@ differ from their surroundings, and lie in no matched region of about their size
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -24,8 +25,7 @@ Array = NDArray[np.float64]
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: px of an image, whole numbers
 
 
-@dataclass(frozen=True)
-class WindowPair:
+class WindowPair(NamedTuple):
     """The same part of the scene in both images."""
 
     left: Box

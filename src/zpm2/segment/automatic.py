@@ -42,7 +42,8 @@ def automatic_masks(
     `progress` receives the share that is done, 0..1. `where` (height, width) of a decoded mask holds the prompts; None:
     all of the view.
     """
-    valid = has_data(view.image, view.size) if where is None else where & has_data(view.image, view.size)
+    data = has_data(view.image, view.size)
+    valid = data if where is None else where & data
     thresholds = thresholds or MaskThresholds(config.min_predicted_iou, config.min_stability)
     known = MaskPredictions.none(view.size) if known is None else known
     if config.quality == "full":
@@ -52,7 +53,7 @@ def automatic_masks(
             found.append(view.predict(Prompts.at(points[start : start + view.batch] / view.mask_scale), thresholds))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
-        found = _predict_selected(view, config, thresholds, known, valid, progress)
+        found = _predict_selected(view, config, thresholds, known, (data, valid), progress)
     predictions = MaskPredictions.join([known, *found])
     del found
     rank = predictions.score.astype(np.float64)
@@ -71,13 +72,15 @@ def _predict_selected(
     config: SegmentConfig,
     thresholds: MaskThresholds,
     known: MaskPredictions,
-    valid: NDArray[np.bool_],
+    pixels: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     progress: Callable[[float], None],
 ) -> list[MaskPredictions]:
-    """The masks of the prompts of the faster levels, batch by batch, at `valid` pixels."""
+    """The masks of the prompts of the faster levels, batch by batch. The `pixels` are those with data, and those of
+    them where prompts are made."""
     limits, fast = config.prompts, config.quality == "fast"
     points, coverage = grid(config.grid, view.size), _Coverage(view.size)
-    spots = blobs(view.image, valid, limits)
+    data, valid = pixels
+    spots = blobs(view.image, data, limits)
     coverage.add(known, np.arange(len(known)))
     coverage.covered |= ~valid
     shares = (
@@ -101,8 +104,8 @@ def _predict_selected(
             progress((done + prompted) / (first + most_blobs + most_uncovered))
 
     def without_mask(rows: Rows) -> NDArray[np.bool_]:
-        smallest = coverage.smallest[_pixels(spots.points[rows])]
-        return np.asarray(smallest > limits.max_mask_to_blob * spots.area[rows])
+        at = _pixels(spots.points[rows])
+        return np.asarray(valid[at] & (coverage.smallest[at] > limits.max_mask_to_blob * spots.area[rows]))
 
     predict(points[:first], lambda rows: ~coverage.covered[_pixels(points[rows])], first, 0)
     predict(spots.points, without_mask, most_blobs, first)

@@ -34,14 +34,17 @@ def with_families(
     config: SegmentConfig,
     thresholds: MaskThresholds,
     where: NDArray[np.bool_] | None = None,
+    holding: NDArray[np.bool_] | None = None,
 ) -> MaskPredictions:
     """`predictions`, best first, and behind them further elements of their families that reach `thresholds`.
 
-    `where` (height, width) of a decoded mask holds the prompts; None: all of the view.
+    `where` (height, width) of a decoded mask holds the prompts; None: all of the view. The box of an
+    element has one of the pixels `holding`, of the same shape; None: any pixel.
     """
     valid = has_data(view.image, view.size)
     known = predictions.bits
-    places = _repetitions(view, known, config.family, valid if where is None else where & valid)
+    holding = np.ones(view.size, bool) if holding is None else holding
+    places = _repetitions(view, known, config.family, valid if where is None else where & valid, holding)
     if not len(places.seed):
         return predictions
     found = view.predict(places.prompts(known, view.mask_scale), thresholds)
@@ -78,10 +81,14 @@ class _Places:
 
 
 def _repetitions(
-    view: PromptedView, bits: NDArray[np.bool_], config: FamilyConfig, where: NDArray[np.bool_]
+    view: PromptedView,
+    bits: NDArray[np.bool_],
+    config: FamilyConfig,
+    where: NDArray[np.bool_],
+    holding: NDArray[np.bool_],
 ) -> _Places:
     """Where the regions (n, height, width) repeat, in their order, up to the budget. Places where a region of that size
-    is known already are left out."""
+    is known already, or whose box has none of the pixels `holding`, are left out."""
     height, width = view.size
     lab = cv2.cvtColor(
         cv2.resize(view.image.rgb, (FINE * width, FINE * height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2LAB
@@ -109,7 +116,8 @@ def _repetitions(
                 continue
             same = _same(bits, area, element, config.known_overlap)
             taken[same] = True
-            free += [] if len(same) else [shift]
+            x0, y0, x1, y1 = np.maximum(box[seed] + np.tile(shift, 2), 0)
+            free += [] if len(same) or not holding[y0:y1, x0:x1].any() else [shift]
         seeds += [seed] * len(free[:budget])
         shifts += free[:budget]
         budget -= len(free)
