@@ -69,7 +69,7 @@ def test_an_exact_homography_is_followed_exactly(seed, n, more, backwards, mirro
     found = correspondence(left, right[::-1] if backwards else right, matrix, step)
     apart = np.linalg.norm(mapped(matrix, found[:, :2]) - found[:, 2:4], axis=1)
     assert found[:, 4] == pytest.approx(apart, abs=1e-6)
-    assert np.quantile(apart, 0.9) < 0.05 * step
+    assert np.quantile(apart, 0.95) < 0.05 * step
     assert apart.max() < 0.5 * step
 
 
