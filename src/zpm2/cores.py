@@ -18,9 +18,10 @@ def in_chunks(do: Callable[[slice], T], count: int, size: int) -> list[T]:
     Slices do not depend on the number of cores, so results do not. Within `do`, further calls use one core.
     """
     slices = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-    if len(slices) < 2 or usable() < 2 or hasattr(_this_thread, "is_ours"):
+    threads = 1 if len(slices) < 2 or hasattr(_this_thread, "is_ours") else usable()
+    if threads == 1:
         return [do(rows) for rows in slices]
-    return list(_pool(os.getpid(), usable()).map(do, slices))
+    return list(_pool(os.getpid(), threads).map(do, slices))
 
 
 def usable() -> int:

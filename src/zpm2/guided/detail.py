@@ -12,7 +12,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from zpm2.guided.redetection import (
 from zpm2.guided.windows import Box, WindowPair
 from zpm2.model import Image, PointMatches, Polygon, PolygonMatch, shapes_of
 from zpm2.segment import automatic, family
+from zpm2.segment.inner_points import squared_depth
 from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import PromptedView
 
@@ -224,8 +224,7 @@ def within(reach: float, pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(height, width) what is at most so many px from one of the `pixels`."""
     if not pixels.any():
         return pixels
-    squared = cv2.distanceTransform((~pixels).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) ** 2
-    return np.asarray(np.rint(squared) <= reach**2)  # whole numbers; OpenCV's last bits depend on the machine
+    return np.asarray(squared_depth(~pixels) <= reach**2)
 
 
 def _matched(pair: DetectedPair, matches: Sequence[PolygonMatch]) -> NDArray[np.object_]:

@@ -18,6 +18,7 @@ from zpm2 import geometry
 from zpm2.config import OutlineConfig
 from zpm2.errors import Failed, InputError
 from zpm2.model import Polygon, PolygonMatch
+from zpm2.polygons.shapes import shoelace
 
 Array = NDArray[np.float64]
 
@@ -144,8 +145,7 @@ def _traced_back(total: Array) -> NDArray[np.int64]:
 
 def _turn(ring: Array) -> int:
     """1 or -1, the direction of rotation of a ring; 0 for a flat one."""
-    x, y = (ring - ring[0]).T
-    area = float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    area = shoelace(ring - ring[0])
     return 0 if abs(area) <= 1e-9 * float(np.ptp(ring, axis=0).max()) ** 2 else int(np.sign(area))
 
 

@@ -37,7 +37,7 @@ class TexturePatches:
             rows = usable[part]
             self._sample(rows, frames[rows], to_image[rows], image)
 
-        in_chunks(sample, len(usable), max(1, PATCH_CELLS // size**2))
+        in_chunks(sample, len(usable), together(size))
 
     def _sample(self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, image: Image) -> None:
         x0, y0, x1, y1 = shapely.bounds(frames).T
@@ -59,6 +59,11 @@ class TexturePatches:
         xy, of = shapely.get_coordinates(frames, return_index=True)
         own = shapely.set_coordinates(frames.copy(), (xy - np.c_[x0, y0][of]) * scale[of])  # px of the patch
         return rasterize_stack(own, (self.size, self.size)).reshape(len(frames), -1)
+
+
+def together(size: int) -> int:
+    """How many patches of size x size cells are worked on at a time."""
+    return max(1, PATCH_CELLS // size**2)
 
 
 def _mapped(maps: Array, x: Array, y: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

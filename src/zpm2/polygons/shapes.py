@@ -38,6 +38,12 @@ def rings_of(shapes: Sequence[shapely.Polygon]) -> list[list[NDArray[np.float64]
     return found
 
 
+def shoelace(ring: NDArray[np.float64]) -> float:
+    """The shoelace sum of a ring (n, 2) without its closing vertex: twice its signed area. Exact on whole numbers."""
+    x, y = ring.T
+    return float(x[:-1] @ y[1:] - y[:-1] @ x[1:] + x[-1] * y[0] - y[-1] * x[0])
+
+
 def reshaped(polygon: Polygon, shape: shapely.Polygon) -> Polygon:
     """The polygon with the outline `shape` (image px). Its id, score, parent and label stay."""
     outline = from_shape(shape, polygon.id)

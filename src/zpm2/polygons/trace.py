@@ -5,7 +5,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.model import Mask
+from zpm2.model import Mask, shapes_of_rings
 
 
 def trace(bits: NDArray[np.bool_], x0: int = 0, y0: int = 0) -> list[shapely.Polygon]:
@@ -15,10 +15,10 @@ def trace(bits: NDArray[np.bool_], x0: int = 0, y0: int = 0) -> list[shapely.Pol
     >>> trace(np.ones((3, 4), bool))[0].area
     12.0
     """
-    return [
-        shapely.transform(outline_of_piece(part.bits), lambda xy, corner=(part.x0, part.y0): xy + corner)
-        for part in pieces(Mask(x0, y0, bits))
-    ]
+    parts = pieces(Mask(x0, y0, bits))
+    corners = [np.array([part.x0, part.y0]) for part in parts]
+    rings = [[ring + at for ring in rings_of_piece(part.bits)] for part, at in zip(parts, corners, strict=True)]
+    return list(shapes_of_rings(rings))
 
 
 def pieces(mask: Mask, min_area: float = 0.0, most: int | None = None) -> list[Mask]:
@@ -39,14 +39,9 @@ def pieces(mask: Mask, min_area: float = 0.0, most: int | None = None) -> list[M
     return found
 
 
-def outline_of_piece(bits: NDArray[np.bool_]) -> shapely.Polygon:
-    """The exact polygon of one 4-connected piece that fills its (h, w) crop."""
-    exterior, *holes = rings_of_piece(bits)
-    return shapely.Polygon(exterior, holes)
-
-
 def rings_of_piece(bits: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
-    """The rings (n, 2) of `outline_of_piece`, the exterior first, without repeated vertices.
+    """The exact outline of one 4-connected piece that fills its (h, w) crop: its rings (n, 2), the exterior first,
+    without closing vertices.
 
     OpenCV's contours run through pixel centres. On the piece enlarged twice, the centre at k lies beside the pixel edge
     (k + 1) // 2 of the original, for exteriors, holes and concave corners alike.

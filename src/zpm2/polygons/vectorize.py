@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zpm2.config import VectorizeConfig
 from zpm2.model import Mask, Polygon, shapes_of_rings
 from zpm2.polygons.nest import with_parents
-from zpm2.polygons.shapes import rings_of
+from zpm2.polygons.shapes import rings_of, shoelace
 from zpm2.polygons.simplify import simplify
 from zpm2.polygons.trace import pieces, rings_of_piece
 
@@ -51,9 +51,7 @@ def outlines(
 
 def _area(ring: NDArray[np.float64]) -> float:
     """px^2 inside a ring (n, 2) along pixel edges: exact."""
-    x, y = ring.T
-    twice = x[:-1] @ y[1:] - y[:-1] @ x[1:] + x[-1] * y[0] - y[-1] * x[0]
-    return abs(float(twice)) / 2
+    return abs(shoelace(ring)) / 2
 
 
 def _cut(mask: Mask, size: tuple[int, int]) -> Mask:

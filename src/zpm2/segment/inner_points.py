@@ -13,15 +13,20 @@ def inner_points(bits: NDArray[np.bool_], most: int) -> NDArray[np.float64]:
     they follow the parts of thin and bent shapes. Of equal pixels, the first one row by row. There are fewer than
     `most` where no other pixel is left.
     """
-    crop = np.pad(bits, 1).view(np.uint8)
-    depth = cv2.distanceTransform(crop, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    squared = np.rint(depth**2)  # whole numbers; OpenCV's last bits depend on where the array lies in memory
+    squared = squared_depth(np.pad(bits, 1))
     apart = value = squared
     found = list[tuple[float, float]]()
     while len(found) < most and value.any():
-        y, x = np.unravel_index(np.argmax(value), depth.shape)
-        to_it = (np.arange(depth.shape[0]) - y)[:, None] ** 2 + (np.arange(depth.shape[1]) - x) ** 2
+        y, x = np.unravel_index(np.argmax(value), squared.shape)
+        to_it = (np.arange(squared.shape[0]) - y)[:, None] ** 2 + (np.arange(squared.shape[1]) - x) ** 2
         apart = np.minimum(apart, to_it) if found else to_it
         value = np.minimum(apart, 4 * squared)
         found.append((x - 0.5, y - 0.5))
     return np.array(found, np.float64).reshape(-1, 2)
+
+
+def squared_depth(bits: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(h, w) px^2 from each pixel of `bits` (h, w) to the nearest one that is not of them: whole numbers, as OpenCV's
+    last bits depend on where the array lies in memory."""
+    depth = cv2.distanceTransform(bits.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.rint(depth**2))

@@ -126,7 +126,9 @@ class TorchBackend:
         self.decoder = sam_network.MaskNetwork(sam).eval().to(self.device, self.dtype)
 
     def _to(self, array: NDArray[np.generic]) -> "Tensor":
-        return self.torch.from_numpy(np.ascontiguousarray(array)).to(self.device, non_blocking=True)
+        from zpm2.segment.device_stacks import on
+
+        return on(array, self.device)
 
     def _out(self, tensor: "Tensor") -> Stack:
         return tensor if self.resident else tensor.float().numpy()

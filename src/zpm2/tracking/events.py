@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zpm2.config import LocalConfig, TracksConfig
 from zpm2.errors import Failed
-from zpm2.model import PointMatches, Polygon, PolygonArrays
+from zpm2.model import PointMatches, Polygon, PolygonArrays, shapes_of
 from zpm2.polygons.warp import warp_by_points
 from zpm2.tracking.matches import PairMatches
 
@@ -53,7 +53,7 @@ def events(
             continue
         of_pair = UNKNOWN if homography is None else homography
         places = warp_by_points(PolygonArrays([seen[here][id] for id in wholes]), forward, of_pair, local).shapes
-        shapes = np.array([seen[there][id].shape for id in others], object)
+        shapes = shapes_of([seen[there][id] for id in others])
         for whole, place in zip(wholes, places, strict=True):
             parts = parts_of(place, shapes, tracks)
             if len(parts) >= 2:

@@ -10,10 +10,9 @@ only decides between matches of the same confidence.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import shapely
 
-from zpm2.model import Polygon
+from zpm2.model import Polygon, shapes_of
 
 Node = tuple[int, int]  # a view, and a region of it
 
@@ -156,7 +155,7 @@ def _regions(matches: Sequence[TrackMatch], same: float) -> dict[tuple[int, int,
     result: dict[tuple[int, int, int], int] = {}
     for view, observations in by_view.items():
         keys = list(observations)
-        shapes = np.array([observations[key].polygon.shape for key in keys], object)
+        shapes = shapes_of([observations[key].polygon for key in keys])
         area = shapely.area(shapes)
         first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
         first, second = first[first != second], second[first != second]

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
 from zpm2.cores import in_chunks
-from zpm2.local_match.texture import TexturePatches
+from zpm2.local_match.texture import TexturePatches, together
 from zpm2.model import Image
 from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
 Patches = NDArray[np.float32]  # (k, size, size)
 Bits = NDArray[np.bool_]
-PATCH_CHUNK = 16  # pairs that are compared at a time
 
 
 def peaks(
@@ -39,11 +38,11 @@ def peaks(
     a polygon is `config.patch` cells wide and high. "Other shifts" are up to half a polygon, and count by the quantile
     `config.rival`. 0 where too little of a polygon is seen to tell.
     """
-    box = _around(right)
+    box, size = _around(right), 2 * config.patch
     to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
 
     def peak(rows: slice) -> Array:
-        frames, size = shapely.box(*box[rows].T), 2 * config.patch
+        frames = shapely.box(*box[rows].T)
         sides = [
             TexturePatches(image, frames, back[rows], size, max_halvings)
             for image, back in zip(images, to_image, strict=True)
@@ -54,7 +53,7 @@ def peaks(
         found = _peak(correlations(values[0], values[1], both, config), config)
         return np.where(both.sum((1, 2)) < config.min_cells, 0.0, found)
 
-    return np.concatenate([np.zeros(0), *in_chunks(peak, len(right), PATCH_CHUNK)])
+    return np.concatenate([np.zeros(0), *in_chunks(peak, len(right), together(size))])
 
 
 def normalised(patches: Patches, config: VerifyConfig) -> Patches:

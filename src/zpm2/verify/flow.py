@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
 from zpm2.cores import in_chunks
-from zpm2.local_match.texture import TexturePatches
+from zpm2.local_match.texture import TexturePatches, together
 from zpm2.model import Image
-from zpm2.verify.content import PATCH_CHUNK, Array, Bits, Patches, inside, normalised
+from zpm2.verify.content import Array, Bits, Patches, inside, normalised
 
 Flow = NDArray[np.float32]  # (size, size, 2): what is at (x, y) of one patch is at (x, y) + flow of the other, cells
 GREY, STEP = 128.0, 48.0  # of 8-bit patches: the mean, and one standard deviation
@@ -56,7 +56,7 @@ def agreement(
             found.append(_agreement(*flows, (seen[0][k], seen[1][k]), (covers[0][k], covers[1][k]), config))
         return found
 
-    return np.array([share for found in in_chunks(agree, len(right), PATCH_CHUNK) for share in found], np.float64)
+    return np.array([share for found in in_chunks(agree, len(right), together(size)) for share in found], np.float64)
 
 
 def _flow(here: NDArray[np.uint8], there: NDArray[np.uint8], config: VerifyConfig) -> Flow:
