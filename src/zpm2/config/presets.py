@@ -13,7 +13,7 @@ from zpm2.errors import ConfigError, did_you_mean
 PRESETS: dict[str, Config] = {
     "paper": Config(),
     "default": Config(
-        segment=SegmentConfig(quality="fast", padding=128, detail=DetailConfig(level="auto")),
+        segment=SegmentConfig(quality="fast", padding=128, vicinity=6, detail=DetailConfig(level="auto")),
         points=PointsConfig(escalate=EscalateConfig(on=True)),
         local_match=LocalConfig(
             shape="overlap", few_points=True, min_overlap=0.35, judge="on", visible=VisibleConfig(on=True)

@@ -162,6 +162,13 @@ class SegmentConfig:
         high=4096,
         source="measured, docs/performance.md",
     )
+    vicinity: int = number(
+        0,
+        "blocks of 4 x 4 image tokens along the sides of the window that a prompt for something small sees, of the 16 "
+        "along SAM's square; 0: it sees all tokens",
+        high=16,
+        source="measured, docs/performance.md",
+    )
     grid: int = number(
         32,
         "prompts along each image side, grid x grid in all",

@@ -22,7 +22,7 @@ from zpm2.model import Mask
 from zpm2.segment import stacks, suppression
 from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.protocol import PromptedView
+from zpm2.segment.protocol import PromptedView, SmallThingsView
 
 Rows = NDArray[np.int64]
 
@@ -90,6 +90,7 @@ def _predict_selected(
     )
     first, most_blobs, most_uncovered = (max(1, round(share * len(points))) for share in shares)
     found: list[MaskPredictions] = []
+    large = points[:first]
 
     def predict(at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
@@ -97,7 +98,11 @@ def _predict_selected(
         rows, prompted = np.arange(len(at)), 0
         while prompted < most and len(rows := rows[wanted(rows)]):
             batch, rows = np.split(rows, [min(view.batch, most - prompted)])
-            predictions = view.predict(Prompts.at(at[batch] / view.mask_scale), thresholds)
+            prompts = Prompts.at(at[batch] / view.mask_scale)
+            if at is not large and isinstance(view, SmallThingsView):
+                predictions = view.predict_small(prompts, thresholds, MaskPredictions.join([known, *found]))
+            else:
+                predictions = view.predict(prompts, thresholds)
             coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))
             found.append(predictions)
             prompted += len(batch)
@@ -107,7 +112,7 @@ def _predict_selected(
         at = _pixels(spots.points[rows])
         return np.asarray(valid[at] & (coverage.smallest[at] > limits.max_mask_to_blob * spots.area[rows]))
 
-    predict(points[:first], lambda rows: ~coverage.covered[_pixels(points[rows])], first, 0)
+    predict(large, lambda rows: ~coverage.covered[_pixels(large[rows])], first, 0)
     predict(spots.points, without_mask, most_blobs, first)
     rest = points[first:]
     predict(rest, lambda rows: ~coverage.covered[_pixels(rest[rows])], most_uncovered, first + most_blobs)

@@ -93,6 +93,22 @@ def limited(bits: Tensor, rows: Rows, to: Bits) -> Tensor:
     return kept
 
 
+def cropped(logits: Tensor, beyond: Bits) -> Tensor:
+    """Without what lies `beyond` (n, h, w)."""
+    return logits.masked_fill(on(beyond, logits.device)[:, None], -MAX_LOGIT)
+
+
+def placed(logits: Tensor, corner: Counts, size: tuple[int, int]) -> Tensor:
+    """In a frame of `size`."""
+    n, h, w = logits.shape
+    result = torch.full((n, size[0] + h, size[1] + w), -MAX_LOGIT, dtype=logits.dtype, device=logits.device)
+    row, column = on(corner, logits.device).T
+    lines = row[:, None] + torch.arange(h, device=logits.device)
+    columns = column[:, None] + torch.arange(w, device=logits.device)
+    result[torch.arange(n, device=logits.device)[:, None, None], lines[:, :, None], columns[:, None]] = logits
+    return result[:, : size[0], : size[1]].contiguous()
+
+
 def alike(logits: Tensor, area: Counts, threshold: float) -> Bits:
     """(n, n) which of n masks overlap by an IoU above `threshold`; `area` (n,) are theirs.
 

@@ -1,7 +1,7 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`; the view may be an `EmbeddedView`), `views_together` (`JointSegmenter`), `written`
+(`PromptedSegmenter`; the view may be an `EmbeddedView` and a `SmallThingsView`), `views_together` (`JointSegmenter`), `written`
 (`WritableSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
 """
 
@@ -73,6 +73,15 @@ class PromptedView(Protocol):
 
     def masks(self, predictions: MaskPredictions) -> list[Mask]:
         """Each mask at the image's resolution."""
+        ...
+
+
+@runtime_checkable
+class SmallThingsView(Protocol):
+    """A `PromptedView` that is faster where prompts mostly show something small."""
+
+    def predict_small(self, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions) -> MaskPredictions:
+        """As `predict`. A large mask may be one of the `known` ones, if it looks like that where the view sees both."""
         ...
 
 

@@ -22,6 +22,7 @@ from zpm2.errors import ConfigError, MissingDependency
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
 from zpm2.segment.sam_padding import GRID, ThinnedTokens
+from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens
 from zpm2.segment.stacks import Stack
 
 if TYPE_CHECKING:
@@ -34,12 +35,11 @@ Say = Callable[[str], None]
 Opaque = Any  # what a backend returns and only that backend reads: torch's tensors or arrays
 Tokens = TypeVar("Tokens", "Tensor", Array)
 
-VERSION = 4  # of the cut into networks; raise it when sam_network.py changes what they compute
+VERSION = 5  # of the cut into networks; raise it when sam_network.py changes what they compute
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
-NETWORKS = ("image", "prompt", "mask")
+NETWORKS = ("image", "prompt", "near", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 MASK_NETWORKS = 8  # sizes of masks whose networks stay compiled; one has 15 MB and takes 0.1 s to compile
-TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
 KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes
 
@@ -64,8 +64,9 @@ class SamBackend(Protocol):
     def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
-    def prompt(self, parts: Opaque, sparse: Array) -> tuple[Array, Stack, Opaque]:
-        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens."""
+    def prompt(self, parts: Opaque, sparse: Array, near: NearTokens | None = None) -> tuple[Array, Stack, Opaque]:
+        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens: all that
+        the view has, or those that are `near` each prompt."""
 
     def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
         """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
@@ -157,8 +158,14 @@ class TorchBackend:
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
         return np.asarray(parts[0].float().cpu().numpy())
 
-    def prompt(self, parts: "tuple[Tensor, ...]", sparse: Array) -> "tuple[Array, Stack, Tensor]":
+    def prompt(
+        self, parts: "tuple[Tensor, ...]", sparse: Array, near: NearTokens | None = None
+    ) -> "tuple[Array, Stack, Tensor]":
         with self.torch.inference_mode():
+            if near is not None:
+                keys, k, v, *others = _rows(parts[:-1], self._to(near.rows))
+                counts = self._to(near.log_count).to(self.dtype)
+                parts = (keys, k.permute(2, 0, 1, 3), v.permute(1, 0, 2, 3), *others, counts)
             iou, hyper, tokens = self.prompter(*parts, self._to(sparse).to(self.dtype))
             return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
 
@@ -221,7 +228,8 @@ class OpenVinoBackend:
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
         # by number of image tokens, the latest used last; of each, by number of prompts and of tokens of each prompt
-        self.prompt_networks: OrderedDict[int, dict[tuple[int, ...], _Network]] = OrderedDict()
+        self.prompt_networks: OrderedDict[int, dict[tuple[str, int, int], _Network]] = OrderedDict()
+        self._gathered: list[Array] | None = None
         # by number of masks and of rows and columns of tokens, the latest used last
         self.mask_networks: OrderedDict[tuple[int, ...], _Network] = OrderedDict()
 
@@ -248,19 +256,46 @@ class OpenVinoBackend:
     def tokens(self, parts: list[Array]) -> Array:
         return np.asarray(parts[0])
 
-    def prompt(self, parts: list[Array], sparse: Array) -> tuple[Array, Array, Array]:
+    def prompt(self, parts: list[Array], sparse: Array, near: NearTokens | None = None) -> tuple[Array, Array, Array]:
         """In batches of a fixed size, filled up with zeros: a fifth faster than networks for any size."""
-        given = len(sparse)
-        full = np.zeros((self.few if given <= self.few else self.batch, *sparse.shape[1:]), np.float32)
-        full[:given] = sparse
         self.image_network.rest()
-        size, key = len(parts[0]), full.shape[:2]
+        if near is None:
+            return self._prompt("prompt", parts, sparse, self.few if len(sparse) <= self.few else self.batch)
+        batch, number = self.few or self.batch, near.rows.shape[1]
+        tokens = np.empty((len(sparse), number, parts[0].shape[1]), np.float32)
+        answers = list[tuple[Array, Array]]()
+        for start in range(0, len(sparse), batch):
+            part = slice(start, start + batch)
+            iou, hyper, tokens[part] = self._prompt("near", self._near(parts, near[part], batch), sparse[part], batch)
+            answers.append((iou.copy(), hyper.copy()))
+        iou, hyper = (np.concatenate(each) for each in zip(*answers, strict=True))
+        return iou, hyper, tokens
+
+    def _near(self, parts: list[Array], near: NearTokens, batch: int) -> list[Array]:
+        """The parts of each prompt of a batch, which is filled up with the last one."""
+        rows = near.rows[np.minimum(np.arange(batch), len(near.rows) - 1)]
+        keys, k, v, q, position, _ = parts
+        number = rows.shape[1]
+        if self._gathered is None or self._gathered[0].shape[:2] != (batch, number):
+            shapes = [(number, 256), (*k.shape[:2], number), (len(v), number, v.shape[2]), (number, 128), (number, 256)]
+            self._gathered = [np.empty((batch, *shape), np.float32) for shape in shapes]
+        for part, axis, out in zip((keys, k, v, q, position), (0, 2, 1, 0, 0), self._gathered, strict=True):
+            for each, into in zip(rows, out, strict=True):
+                np.take(part, each, axis, into, "clip")
+        return [*self._gathered, near.log_count[np.minimum(np.arange(batch), len(near.rows) - 1)]]
+
+    def _prompt(self, name: str, parts: list[Array], sparse: Array, batch: int) -> tuple[Array, Array, Array]:
+        """The answers lie in the network's own memory, until it runs again."""
+        given = len(sparse)
+        full = np.zeros((batch, *sparse.shape[1:]), np.float32)
+        full[:given] = sparse
+        size, key = parts[0].shape[-2], (name, *full.shape[:2])
         networks = self.prompt_networks.setdefault(size, {})
         self.prompt_networks.move_to_end(size)
         while sum(self.prompt_networks) > KEPT_TOKENS:
             self.prompt_networks.popitem(last=False)
         if key not in networks:
-            networks[key] = self._compile("prompt", [part.shape for part in (*parts, full)])
+            networks[key] = self._compile(name, [part.shape for part in (*parts, full)])
         iou, hyper, tokens = networks[key]([*parts, full])
         return iou[:given], hyper[:given], tokens[:given]
 
@@ -325,10 +360,12 @@ def _convert(model: str, folder: Path) -> None:
         pixels = torch.zeros(1, 3, sam_network.ENCODER_SIDE, sam_network.ENCODER_SIDE)
         parts = image.eval()(pixels)
         sparse = torch.zeros(2, 2, 256)
+        near = tuple(torch.stack([part, part]) for part in parts)
         _, hyper, tokens = prompt.eval()(*parts, sparse)
         graphs = (
             openvino.convert_model(image, example_input=(pixels,)),
             openvino.convert_model(prompt, example_input=(*parts, sparse)),
+            openvino.convert_model(prompt, example_input=(*near, sparse)),
             openvino.convert_model(mask.eval(), example_input=(of_photograph(tokens, (8, 12)), hyper)),
         )
     for name, graph in zip(NETWORKS, graphs, strict=True):

@@ -63,7 +63,8 @@ class ImageNetwork(nn.Module):
 class PromptNetwork(nn.Module):
     """Image parts + prompt tokens -> predicted IoU (B, 4), mask weights (B, 4, 32), image tokens (B, N, 256).
 
-    `sparse` (B, P, 256) are embedded prompts (`PromptEmbedding`).
+    `sparse` (B, P, 256) are embedded prompts (`PromptEmbedding`). Each prompt may have image tokens of its own
+    (`sam_vicinity`): then all image parts have B as their first side.
     """
 
     def __init__(self, sam: "Sam") -> None:
@@ -184,7 +185,7 @@ def _heads(x: Tensor, heads: int) -> Tensor:
 def _token_to_shared_image(attention: "Attention", tokens: Tensor, k: Tensor, v: Tensor, log_count: Tensor) -> Tensor:
     """Tokens (B, T, C) attend to image tokens that all prompts share, whose k and v were projected once."""
     query = _heads(attention.q_proj(tokens), attention.num_heads)
-    weights = (query @ k * query.shape[-1] ** -0.5 + log_count).softmax(-1)
+    weights = (query @ k * query.shape[-1] ** -0.5 + log_count[..., None, None, :]).softmax(-1)
     out = (weights @ v).transpose(1, 2)
     return attention.out_proj(out.reshape(out.shape[0], out.shape[1], -1))
 
@@ -208,9 +209,9 @@ def _token_to_image(
     key = attention.k_proj.weight.reshape(heads, d, -1)  # H, d, C
     folded = (query @ key * d**-0.5).reshape(b, heads * t, -1)
     if _on_gpu(positioned):  # each device in the order in which it is fast
-        weights = (folded @ positioned.transpose(1, 2) + log_count).softmax(2)
+        weights = (folded @ positioned.transpose(1, 2) + log_count[..., None, :]).softmax(2)
     else:
-        weights = (positioned @ folded.transpose(1, 2) + log_count[:, None]).softmax(1).transpose(1, 2)
+        weights = (positioned @ folded.transpose(1, 2) + log_count[..., None]).softmax(1).transpose(1, 2)
     gathered = (weights @ image).reshape(b, heads, t, -1)
     value = attention.v_proj.weight.reshape(heads, d, -1).transpose(1, 2)  # H, C, d
     out = (gathered @ value).transpose(1, 2).reshape(b, t, heads * d) + attention.v_proj.bias

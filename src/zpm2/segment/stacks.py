@@ -159,3 +159,30 @@ def limited(bits: BitStack, rows: Rows, to: Bits) -> BitStack:
     kept = bits.copy()
     kept[rows] &= to
     return kept
+
+
+def cropped(logits: Stack, height: Counts, width: Counts) -> Stack:
+    """(n, m, h, w) logits without what lies beyond the first `height` rows and `width` columns (n,) of each."""
+    _, _, h, w = logits.shape
+    beyond = (np.arange(h)[:, None] >= height[:, None, None]) | (np.arange(w) >= width[:, None, None])
+    if not beyond.any():
+        return logits
+    if isinstance(logits, np.ndarray):
+        return np.where(beyond[:, None], np.float32(-MAX_LOGIT), logits)
+    from zpm2.segment import device_stacks
+
+    return device_stacks.cropped(logits, beyond)
+
+
+def placed(logits: Stack, corner: Counts, size: tuple[int, int]) -> Stack:
+    """(n, height, width) of `size`: logits (n, h, w) with their first row and column at `corner` (n, 2), and nothing
+    around them. What lies beyond `size` is left out."""
+    if not isinstance(logits, np.ndarray):
+        from zpm2.segment import device_stacks
+
+        return device_stacks.placed(logits, corner, size)
+    result = np.full((len(logits), *size), -MAX_LOGIT, logits.dtype)
+    for canvas, part, (row, column) in zip(result, logits, corner, strict=True):
+        there = canvas[row : row + part.shape[0], column : column + part.shape[1]]
+        there[:] = part[: there.shape[0], : there.shape[1]]
+    return result
