@@ -17,7 +17,7 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
@@ -81,11 +81,12 @@ def remembered(file: Path) -> Iterator[None]:
     """Within it, the networks' answers and the points of a pair come from `file`, written where it is not there."""
     from zpm2.global_match.pair_points import PointFinder
     from zpm2.segment.mask_view import MaskView
-    from zpm2.segment.sam import ENCODER_SIDE, SamView
+    from zpm2.segment.sam_input import ENCODER_SIDE
+    from zpm2.segment.sam_view import SamView
 
     known = read(file) if file.exists() else {}
     new, first = not known, SamView.__init__
-    predict, find = SamView.predict, PointFinder.__call__
+    predict, small, find = SamView.predict, SamView.predict_small, PointFinder.__call__
 
     def encoded(view: Any, backend: Any, image: Any, config: Any, *more: Any) -> None:
         if new:
@@ -95,10 +96,12 @@ def remembered(file: Path) -> Iterator[None]:
             view.backend, view.config, view.batch = backend, config, backend.batch
         view.of = hashlib.sha256(image.rgb.tobytes()).hexdigest()
 
-    def predicted(view: Any, prompts: Any, thresholds: Any) -> Any:
+    def asked(answer: Callable[..., Any], view: Any, prompts: Any, thresholds: Any, *masks: Any) -> Any:
+        areas = [each.extent.area.tolist() for each in masks]
         key = view.of, hashlib.sha256(prompts.points.tobytes()).hexdigest(), str(prompts.labels), str(thresholds)
+        key = *key, hashlib.sha256(str(areas).encode()).hexdigest()
         if key not in known:
-            known[key] = predict(view, prompts, thresholds)
+            known[key] = answer(view, prompts, thresholds, *masks)
         return known[key]
 
     def found(finder: Any, *asked: Any) -> Any:
@@ -106,11 +109,19 @@ def remembered(file: Path) -> Iterator[None]:
             known["points"] = find(finder, *asked)
         return dataclasses.replace(known["points"], initial=dataclasses.replace(known["points"].initial))
 
-    SamView.__init__, SamView.predict, PointFinder.__call__ = encoded, predicted, found
+    def predicted(view: Any, *asking: Any) -> Any:
+        return asked(predict, view, *asking)
+
+    def predicted_small(view: Any, *asking: Any) -> Any:
+        return asked(small, view, *asking)
+
+    SamView.__init__, PointFinder.__call__ = encoded, found
+    SamView.predict, SamView.predict_small = predicted, predicted_small
     try:
         yield
     finally:
-        SamView.__init__, SamView.predict, PointFinder.__call__ = first, predict, find
+        SamView.__init__, PointFinder.__call__ = first, find
+        SamView.predict, SamView.predict_small = predict, small
     if new:
         file.write_bytes(pickle.dumps(known))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zpm2.model import Image, Mask
 from zpm2.segment.mask_view import decoded_size, upsample
 from zpm2.segment.predictions import CORNER, MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import SamView
+from zpm2.segment.sam_view import SamView
 
 
 @dataclass(frozen=True)

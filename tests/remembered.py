@@ -18,7 +18,8 @@ from zpm2.features.protocol import Features
 from zpm2.model import Image
 from zpm2.segment import sam, sam_backend
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import SamSegmenter, SamView
+from zpm2.segment.sam import SamSegmenter
+from zpm2.segment.sam_view import SamView
 
 
 class Memory:
@@ -40,7 +41,7 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
     `memory` is that of an earlier use."""
     memory = memory or Memory()
     opened, views, found = memory.opened, memory.views, memory.found
-    predict = SamView.predict
+    predict, predict_small = SamView.predict, SamView.predict_small
 
     def open_once(config: SegmentConfig, device: str, *more: object) -> sam_backend.SamBackend:
         key = config.model, config.backend, device
@@ -50,7 +51,7 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:
         backend = segmenter.load()
-        key = id(backend), segmenter.config.padding, image.rgb.shape, _digest(image.rgb)
+        key = id(backend), segmenter.config.padding, segmenter.config.vicinity, image.rgb.shape, _digest(image.rgb)
         if key not in views:
             views[key] = SamView(backend, image, segmenter.config)
         view = copy(views[key])
@@ -64,10 +65,20 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
             found[key] = predict(view, prompts, thresholds)
         return found[key]
 
+    def small_once(
+        view: SamView, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions
+    ) -> MaskPredictions:
+        masks = known.extent.area.tobytes(), known.extent.box.tobytes(), view.config.nms_iou
+        key = id(view.parts), view.config.stability_offset, thresholds, prompts.points.tobytes(), masks
+        if key not in found:
+            found[key] = predict_small(view, prompts, thresholds, known)
+        return found[key]
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sam, "open_backend", open_once)
         patch.setattr(SamSegmenter, "view", view_once)
         patch.setattr(SamView, "predict", predict_once)
+        patch.setattr(SamView, "predict_small", small_once)
         _remember_points(memory, patch)
         yield
 

@@ -11,7 +11,7 @@ from torch.overrides import TorchFunctionMode
 from zpm2.guided import redetection
 from zpm2.segment import device_stacks
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import SamView
+from zpm2.segment.sam_view import SamView
 
 
 class Watched(TorchFunctionMode):

@@ -15,9 +15,10 @@ from zpm2.model import Image
 from zpm2.segment import sam_network
 from zpm2.segment.mask_view import Room
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
-from zpm2.segment.sam import SamSegmenter, SamView
+from zpm2.segment.sam import SamSegmenter
 from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend
 from zpm2.segment.sam_padding import GRID, STEP, thinned
+from zpm2.segment.sam_view import SamView
 
 
 @given(st.integers(1, GRID), st.integers(1, 2000))

@@ -10,8 +10,9 @@ from zpm2.model import Image
 from zpm2.segment.mask_view import decoded_size
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import EmbeddedView, WritableSegmenter
-from zpm2.segment.sam import SamSegmenter, SamView
+from zpm2.segment.sam import SamSegmenter
 from zpm2.segment.sam_backend import OpenVinoBackend
+from zpm2.segment.sam_view import SamView
 
 pytestmark = pytest.mark.weights
 

@@ -86,7 +86,7 @@ def test_sizes_near_multiples_of_a_tile(width):
 
 def test_sam_says_what_it_would_not_see():
     from zpm2.config import SegmentConfig
-    from zpm2.segment.sam import SamView
+    from zpm2.segment.sam_view import SamView
 
     with pytest.raises(InputError, match=r"40000 x 420 px, of which the segmenter would see 1024 x 11: .*--tiles on"):
         SamView(None, Image(np.broadcast_to(np.zeros(1, np.uint8), (420, 40000, 3))), SegmentConfig())

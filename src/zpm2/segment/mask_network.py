@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from zpm2.config import SegmentConfig
 from zpm2.model import Image, Mask
 from zpm2.segment import automatic, stacks
-from zpm2.segment.mask_view import MaskView, Room, predicted, settled
+from zpm2.segment.mask_view import NETWORK_LOCK, MaskView, Room, predicted, settled
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam import NETWORK_LOCK
 from zpm2.segment.sam_input import MEAN, STD
 from zpm2.segment.stacks import Stack
 

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from zpm2.errors import ConfigError, InputError
 from zpm2.model import Image, Mask, thin
 from zpm2.polygons.rasterize import rasterize_stack
+from zpm2.runtime import ForkAwareLock
 from zpm2.segment import stacks
 from zpm2.segment.predictions import MASK_SIDE, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.stacks import Counts, Rows, Stack
 
+NETWORK_LOCK = ForkAwareLock()  # one for all segmenters: each of their networks uses all cores
 LITTLE_MEMORY = "the GPU has little free memory"
 
 

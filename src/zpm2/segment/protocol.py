@@ -1,8 +1,8 @@
 """What the pipeline needs from a source of regions.
 
 A segmenter has `name` and `segment`. It may have more, each told by `isinstance`: `polygons` (`PolygonSource`), `view`
-(`PromptedSegmenter`; the view may be an `EmbeddedView` and a `SmallThingsView`), `views_together` (`JointSegmenter`), `written`
-(`WritableSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
+(`PromptedSegmenter`; the view may be an `EmbeddedView` and a `SmallThingsView`), `views_together` (`JointSegmenter`),
+`written` (`WritableSegmenter`), `notes` (`HasNotes`), `path` (`FromFile`).
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,9 @@
 """What a prompt for something small sees of a photograph: all image tokens around it, and few of the rest.
 
-SAM sees a photograph as 64 x 64 image tokens, and every prompt attends to all of them. For a thing of a few tokens this
-is context, which one token of each block of 4 x 4 tells nearly as well: as in `sam_padding`, a token that stands for n
-weighs n times. The mask of such a prompt is decoded in its window only; one that reaches the window's border is cut off,
-and who asked must ask again with all tokens.
+SAM sees a photograph as 64 x 64 image tokens, and every prompt attends to all of them. For a thing of a few tokens most
+of them are context, which one token of each block of 4 x 4 tells nearly as well: as in `sam_padding`, a token that
+stands for n weighs n times. The mask is decoded in the window around the prompt only. A mask that reaches a border of
+the window may be cut off by it; then the prompt needs the whole photograph.
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class Vicinity:
         whether it holds the box (n,)."""
         low, high = boxes[:, [1, 0]] / TOKEN_PX, boxes[:, [3, 2]] / TOKEN_PX
         size, last = np.array(self.size), np.array([_whole(side) for side in self.cells]) - self.size
-        origin = BLOCK * np.rint(((low + high - size) / 2 / BLOCK)).astype(np.int64)
+        origin = BLOCK * np.rint((low + high - size) / 2 / BLOCK).astype(np.int64)
         origin = np.clip(origin, 0, last)
         before = (low >= origin + MARGIN) | (origin == 0)
         after = (high <= origin + size - MARGIN) | (origin == last)

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.segment import stacks
+from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.stacks import Extent, Stack, boxes
 
-__all__ = ["boxes", "leaders", "pack", "suppress", "suppress_stack"]
+__all__ = ["alike_inside", "boxes", "leaders", "pack", "suppress", "suppress_stack"]
 Rows = NDArray[np.intp]
 WORDS_CHUNK = 256  # masks that are packed at a time; their bits take up to 64 kB each
 
@@ -62,6 +63,28 @@ def leaders(
         return rivals[shared > threshold * (area[rivals] + area[i] - shared)]
 
     return _greedy(score, alike)
+
+
+def alike_inside(
+    masks: MaskPredictions, known: MaskPredictions, window: NDArray[np.int64], threshold: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of masks (n,) and of the `known` ones that look most like them inside the `window` (n, 4) of each, px of a
+    decoded mask, of those whose IoU there is above a `threshold`. The masks lie in their windows."""
+    numbers, first = np.unique(np.c_[known.extent.area, known.extent.box], axis=0, return_index=True)
+    area, box = masks.extent.area, masks.extent.box
+    low, high = np.maximum(box[:, None, :2], numbers[:, 1:3]), np.minimum(box[:, None, 2:], numbers[:, 3:])
+    most = np.maximum(high - low, 0).prod(2)  # px in common, at most
+    row, k = np.nonzero((most > threshold * area[:, None]) & (numbers[:, 0] > threshold * area[:, None]))
+    frame = np.zeros((len(masks), *masks.logits.shape[1:]), bool)
+    for canvas, (x0, y0, x1, y1) in zip(frame, window, strict=True):
+        canvas[y0:y1, x0:x1] = True
+    bits = stacks.take(known.logits, first[k]) > 0
+    both, there = stacks.shared(bits, masks.inside, row), stacks.shared(bits, frame, row)
+    overlap = both / np.maximum(area[row] + there - both, 1)
+    order = np.lexsort((-overlap, row))
+    order = order[overlap[order] > threshold]
+    found, at = np.unique(row[order], return_index=True)
+    return found, first[k[order[at]]]
 
 
 def _greedy(score: NDArray[np.floating], alike: Callable[[int, NDArray[np.bool_]], Rows]) -> Rows:

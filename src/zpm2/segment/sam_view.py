@@ -1,0 +1,175 @@
+"""A photograph that SAM can be asked about, encoded once."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2.config import SegmentConfig
+from zpm2.model import Image
+from zpm2.segment import stacks, suppression
+from zpm2.segment.mask_view import NETWORK_LOCK, MaskView, Room, predicted, settled
+from zpm2.segment.predictions import CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.sam_backend import Opaque, SamBackend, of_photograph
+from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input
+from zpm2.segment.sam_padding import thinned
+from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens, Vicinity
+from zpm2.segment.stacks import Stack
+
+AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
+
+
+class SamView(MaskView):
+    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and `EmbeddedView`.
+
+    `encoded` is what `backend.image` returns of it, where that is known, `parts` what an earlier view made of that, and
+    `room` that of all views of a backend.
+    """
+
+    def __init__(
+        self,
+        backend: SamBackend,
+        image: Image,
+        config: SegmentConfig,
+        room: Room | None = None,
+        encoded: Opaque | None = None,
+        parts: Opaque | None = None,
+    ) -> None:
+        super().__init__(image, ENCODER_SIDE)
+        self.backend, self.config, self.batch = backend, config, backend.batch
+        self.room = room or Room(backend.batch, [], backend.few)
+        self.scale = encoder_scale(image)
+        self.embedding_scale = self.mask_scale / TOKEN_PX
+        self.cells = int(-(-self.size[0] // TOKEN_PX)), int(-(-self.size[1] // TOKEN_PX))  # (height, width) tokens
+        few = thinned(self.cells, config.padding) if config.padding else None
+        vicinity = Vicinity(self.cells, config.vicinity, few) if config.vicinity else None
+        self.vicinity = vicinity if vicinity is not None and vicinity.saves else None
+        self.parts: Opaque = parts
+        if parts is not None:
+            return
+        with NETWORK_LOCK:
+            self.parts = backend.image(encoder_input(image, self.scale)) if encoded is None else encoded
+            if few is not None:
+                self.parts = backend.thinned(self.parts, few)
+
+    def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of each prompt that reach `thresholds`. Masks whose predicted IoU is too low are not decoded.
+
+        A point alone is ambiguous: it predicts the masks of a whole, a part and a subpart. A point with a box also
+        predicts SAM's mask for unambiguous prompts. Prompts with small boxes see what is near them (`sam_vicinity`).
+        """
+        if (prompts.labels >= CORNER).any():
+            return self.predict_small(prompts, thresholds, MaskPredictions.none(self.size))
+        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+
+    def predict_small(self, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions) -> MaskPredictions:
+        """As `predict`, of prompts that mostly show something small: they see what is near them.
+
+        A mask that is larger than that is taken for the one of the `known` masks that looks like it there. Where none
+        does, the prompt is asked again with the whole photograph in sight.
+        """
+        vicinity = self.vicinity
+        if vicinity is None or not len(prompts):
+            return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        points = prompts.points * self.mask_scale
+        origins, held = vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
+        near, again = np.flatnonzero(held), [np.flatnonzero(~held)]
+
+        def predict_near(part: Prompts, start: int) -> MaskPredictions:
+            rows = near[start : start + len(part)]
+            found, cut = self._predict_near(part, start, thresholds, origins[rows], known)
+            again.append(near[np.unique(found.prompt[cut])])
+            return found[~np.isin(found.prompt, found.prompt[cut])]
+
+        first = predicted(prompts[near], self.room, predict_near, self.size)
+        rest = np.sort(np.concatenate(again))
+        whole = predicted(prompts[rest], self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        return MaskPredictions.join(
+            [dataclasses.replace(each, prompt=rows[each.prompt]) for each, rows in ((first, near), (whole, rest))]
+        )
+
+    def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of prompts that see the whole photograph; the first of them has row `start`."""
+        answer = self._ask(prompts, thresholds, None, self.size)
+        if answer is None:
+            return MaskPredictions.none(self.size)
+        rows, iou, logits = answer
+        return self._settled(start + rows, iou, logits, thresholds)
+
+    def _predict_near(
+        self,
+        prompts: Prompts,
+        start: int,
+        thresholds: MaskThresholds,
+        origins: NDArray[np.int64],
+        known: MaskPredictions,
+    ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
+        """The same of prompts that see what is near them, and of each mask whether it is cut off."""
+        vicinity = self.vicinity
+        assert vicinity is not None
+        size, nothing = (TOKEN_PX * vicinity.size[0], TOKEN_PX * vicinity.size[1]), MaskPredictions.none(self.size)
+        answer = self._ask(prompts, thresholds, vicinity.near(origins), size)
+        if answer is None:
+            return nothing, np.zeros(0, bool)
+        rows, iou, logits = answer
+        logits = stacks.cropped(logits, *(np.array(self.size) - TOKEN_PX * origins[rows]).T)
+        found = self._settled(rows, iou, logits, thresholds)
+        corner = TOKEN_PX * origins[found.prompt]
+        cut = vicinity.cut(found.extent.box, origins[found.prompt])
+        box = found.extent.box + np.tile(corner[:, ::-1], 2)
+        placed = stacks.placed(found.logits, corner, self.size)
+        extent = stacks.Extent(found.extent.area, box)
+        whole = MaskPredictions(start + found.prompt, found.score, found.stability, placed, extent)
+        return self._recognised(whole, cut, origins[found.prompt], known)
+
+    def _recognised(
+        self, masks: MaskPredictions, cut: NDArray[np.bool_], origins: NDArray[np.int64], known: MaskPredictions
+    ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
+        """The masks (n,), of which those that are `cut` by their windows are replaced by `known` masks that look like
+        them there, and which of them are not."""
+        vicinity = self.vicinity
+        assert vicinity is not None
+        rows = np.flatnonzero(cut)
+        low = TOKEN_PX * origins[rows][:, ::-1]
+        window = np.c_[low, np.minimum(low + TOKEN_PX * np.array(vicinity.size[::-1]), self.size[::-1])]
+        row, like = suppression.alike_inside(masks[rows], known, window, self.config.nms_iou)
+        if not len(row):
+            return masks, cut
+        rows = rows[row]
+        same = known[like]
+        replaced = dataclasses.replace(masks[rows], logits=same.logits, measured=same.extent)
+        left = np.setdiff1d(np.arange(len(masks)), rows)
+        return MaskPredictions.join([masks[left], replaced]), np.append(cut[left], np.zeros(len(rows), bool))
+
+    def _ask(
+        self, prompts: Prompts, thresholds: MaskThresholds, near: NearTokens | None, size: tuple[int, int]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32], Stack] | None:
+        """The rows (m,) of prompts that have good masks, the predicted IoU (m, M) of all their masks, and the logits
+        (m, M, height, width); None where no prompt has one."""
+        first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
+        sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
+        with NETWORK_LOCK:  # outputs lie in the network's own memory, until it runs again
+            iou, hyper, tokens = self.backend.prompt(self.parts, sparse, near)
+            iou, hyper = iou[:, first:], hyper[:, first:]
+            rows = np.flatnonzero((iou >= thresholds.predicted_iou).any(1))
+            if len(rows) == 0:
+                return None
+            logits = self.backend.mask(tokens, rows, stacks.take(hyper, rows), size)
+            return rows, iou[rows], logits
+
+    def _settled(
+        self, rows: NDArray[np.intp], iou: NDArray[np.float32], logits: Stack, thresholds: MaskThresholds
+    ) -> MaskPredictions:
+        """The masks that are good and stable; `rows` (m,) are of prompts, `iou` (m, M) and `logits` (m, M, h, w)."""
+        good = iou >= thresholds.predicted_iou
+        flat = stacks.take(logits.reshape(-1, *logits.shape[2:]), np.flatnonzero(good))
+        return settled(rows[np.nonzero(good)[0]], iou[good], flat, self.config.stability_offset, thresholds)
+
+    def embedding(self) -> NDArray[np.float32]:
+        """(256, h, w) the encoder's image tokens, without those of the padding."""
+        return of_photograph(self.backend.tokens(self.parts)[None], self.size)[0].transpose(2, 0, 1)
+
+
+def encoder_scale(image: Image) -> float:
+    """px of the encoder's square per image px."""
+    return ENCODER_SIDE / max(image.width, image.height)
