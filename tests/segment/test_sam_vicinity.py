@@ -27,7 +27,7 @@ def vicinity(height: int, width: int, blocks: int, padding: int) -> Vicinity:
     return Vicinity((height, width), blocks, thinned((height, width), padding) if padding else None)
 
 
-@given(SIDES, SIDES, st.integers(1, 16), st.sampled_from([0, 128]), st.lists(st.tuples(SIDES, SIDES), min_size=1))
+@given(SIDES, SIDES, st.integers(2, 16), st.sampled_from([0, 128]), st.lists(st.tuples(SIDES, SIDES), min_size=1))
 def test_few_tokens_stand_for_all(
     height: int, width: int, blocks: int, padding: int, at: list[tuple[int, int]]
 ) -> None:
@@ -61,7 +61,7 @@ def test_a_window_is_around_its_box_and_says_whether_it_holds_it() -> None:
     seen = vicinity(48, GRID, 6, 128)
     boxes = np.array([[100, 100, 120, 116], [0, 0, 10, 90], [60, 60, 150, 80], [236, 180, 256, 192], [80, 8, 90, 96]])
     origins, held = seen.origins(boxes.astype(float))
-    assert origins.tolist() == [[16, 16], [0, 0], [4, 12], [24, 40], [0, 8]]
+    assert origins.tolist() == [[16, 16], [0, 0], [4, 16], [24, 40], [0, 8]]
     assert held.tolist() == [True, False, False, True, False]
 
 
@@ -116,14 +116,18 @@ def views(pair: Pair) -> tuple[SamView, SamView]:
 
 
 def points(view: SamView) -> np.ndarray:
-    return np.random.default_rng(0).uniform(5, [view.image.width - 5, view.image.height - 5], (24, 2))
+    return np.random.default_rng(0).uniform(5, [view.image.width - 5, view.image.height - 5], (64, 2))
 
 
 def overlap(one: MaskPredictions, other: MaskPredictions) -> np.ndarray:
     """(n,) IoU of each mask of `one` with the best of the same prompt in `other`."""
-    every = one.bits[:, None] & other.bits
-    iou = every.sum((2, 3)) / np.maximum((one.bits[:, None] | other.bits).sum((2, 3)), 1)
-    return np.where(one.prompt[:, None] == other.prompt, iou, 0).max(1)
+
+    def best(prompt: int, bits: np.ndarray) -> float:
+        others = other.bits[other.prompt == prompt]
+        iou = (others & bits).sum((1, 2)) / np.maximum((others | bits).sum((1, 2)), 1)
+        return float(iou.max(initial=0))
+
+    return np.array([best(prompt, bits) for prompt, bits in zip(one.prompt, one.bits, strict=True)])
 
 
 @pytest.mark.weights

@@ -105,6 +105,49 @@ def test_overlaps_and_suppression(seed: int, n: int, threshold: float) -> None:
     assert np.array_equal(joined.bits, np.concatenate([one.bits, one.bits]))
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000), st.integers(4, 9))
+def test_windows_of_masks(seed: int, n: int) -> None:
+    """Logits of windows: without what lies beyond the image, and in their place in it."""
+    rng = np.random.default_rng(seed)
+    size = 30, 40
+    logits = discs(seed, 2 * n, (16, 20)).reshape(n, 2, 16, 20)
+    corner = np.c_[rng.integers(0, size[0], n), rng.integers(0, size[1], n)]
+    left = np.array(size) - corner
+    expected, placed = logits.copy(), np.full((n, *size), -stacks.MAX_LOGIT, np.float32)
+    for k, ((row, column), (height, width)) in enumerate(zip(corner, left, strict=True)):
+        expected[k, :, height:] = expected[k, :, :, width:] = -stacks.MAX_LOGIT
+        part = logits[k, 0, :height, :width]
+        placed[k, row : row + part.shape[0], column : column + part.shape[1]] = part
+    for each in (logits, torch.from_numpy(logits)):
+        assert np.array_equal(np.asarray(stacks.cropped(each, *left.T)), expected)
+        assert np.array_equal(np.asarray(stacks.placed(each[:, 0], corner, size)), placed)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000), st.integers(4, 12), st.floats(0.05, 0.9))
+def test_masks_that_look_alike_inside_windows(seed: int, n: int, threshold: float) -> None:
+    rng = np.random.default_rng(seed)
+    low = np.c_[rng.integers(0, SIZE[1] - 20, n), rng.integers(0, SIZE[0] - 20, n)]
+    window = np.c_[low, np.minimum(low + rng.integers(20, 90, (n, 2)), SIZE[::-1])]
+    known, cut = discs(seed, n), np.full((n, *SIZE), -5.0, np.float32)
+    for k, (x0, y0, x1, y1) in enumerate(window):
+        cut[k, y0:y1, x0:x1] = np.roll(known[rng.integers(n)], rng.integers(-3, 4, 2), (0, 1))[y0:y1, x0:x1]
+    (score, others_score), rows, overlaps = rng.random((2, n)).astype(np.float32), list[int](), np.zeros((n, n))
+    for k, (x0, y0, x1, y1) in enumerate(window):
+        mask = cut[k, y0:y1, x0:x1] > 0
+        for j in range(n):
+            there = known[j, y0:y1, x0:x1] > 0
+            overlaps[k, j] = (mask & there).sum() / max((mask | there).sum(), 1) * (others_score[j] >= score[k])
+        rows += [k] if overlaps[k].max() > threshold else []
+    for one, other in ((cut, known), (torch.from_numpy(cut), torch.from_numpy(known))):
+        masks = MaskPredictions(np.arange(n), score, score, one)
+        others = MaskPredictions(np.arange(n), others_score, score, other)
+        found, like = suppression.alike_inside(masks, others, window, threshold)
+        assert list(found) == rows
+        assert np.array_equal(overlaps[found, like], overlaps[found].max(1))
+
+
 def test_bits_cross_to_a_device_packed() -> None:
     bits = np.random.default_rng(0).random((5, 101, 203)) < 0.5
     assert np.array_equal(device_stacks.on(bits, torch.device("cpu")).numpy(), bits)

@@ -12,6 +12,7 @@ photograph 1024 of them find two dozen. The faster levels of quality prompt in t
 Each prompt predicts a whole, a part and a subpart. A level of quality is a number of prompts (`config.prompts`).
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -90,7 +91,7 @@ def _predict_selected(
     )
     first, most_blobs, most_uncovered = (max(1, round(share * len(points))) for share in shares)
     found: list[MaskPredictions] = []
-    large = points[:first]
+    large, best = points[:first], dataclasses.replace(known, score=np.full(len(known), np.inf, np.float32))
 
     def predict(at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
@@ -100,7 +101,7 @@ def _predict_selected(
             batch, rows = np.split(rows, [min(view.batch, most - prompted)])
             prompts = Prompts.at(at[batch] / view.mask_scale)
             if at is not large and isinstance(view, SmallThingsView):
-                predictions = view.predict_small(prompts, thresholds, MaskPredictions.join([known, *found]))
+                predictions = view.predict_small(prompts, thresholds, MaskPredictions.join([best, *found]))
             else:
                 predictions = view.predict(prompts, thresholds)
             coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))

@@ -68,13 +68,17 @@ def leaders(
 def alike_inside(
     masks: MaskPredictions, known: MaskPredictions, window: NDArray[np.int64], threshold: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of masks (n,) and of the `known` ones that look most like them inside the `window` (n, 4) of each, px of a
-    decoded mask, of those whose IoU there is above a `threshold`. The masks lie in their windows."""
-    numbers, first = np.unique(np.c_[known.extent.area, known.extent.box], axis=0, return_index=True)
+    """Rows of masks (n,) and of the `known` ones, of no lower score, that look most like them inside the `window`
+    (n, 4) of each, px of a decoded mask, of those whose IoU there is above a `threshold`. The masks lie in their
+    windows."""
+    best = np.argsort(-known.score, kind="stable")
+    numbers, first = np.unique(np.c_[known.extent.area, known.extent.box][best], axis=0, return_index=True)
+    first = best[first]
     area, box = masks.extent.area, masks.extent.box
     low, high = np.maximum(box[:, None, :2], numbers[:, 1:3]), np.minimum(box[:, None, 2:], numbers[:, 3:])
     most = np.maximum(high - low, 0).prod(2)  # px in common, at most
-    row, k = np.nonzero((most > threshold * area[:, None]) & (numbers[:, 0] > threshold * area[:, None]))
+    near = (most > threshold * area[:, None]) & (numbers[:, 0] > threshold * area[:, None])
+    row, k = np.nonzero(near & (known.score[first] >= masks.score[:, None]))
     frame = np.zeros((len(masks), *masks.logits.shape[1:]), bool)
     for canvas, (x0, y0, x1, y1) in zip(frame, window, strict=True):
         canvas[y0:y1, x0:x1] = True
