@@ -199,3 +199,19 @@ def test_back_ends_agree(views: tuple[SamView, SamView]) -> None:
     rows = np.arange(6)
     masks = near.backend.mask(tokens, rows, hyper, size), torched.mask(other_tokens, rows, other_hyper, size)
     assert ((masks[0] > 0) != (masks[1] > 0)).mean() < 1e-3
+
+
+@pytest.mark.weights
+def test_masks_on_a_device_are_the_same(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tensors that stay where they are, here on the CPU, as they would on a GPU."""
+    backend, image = TorchBackend("mobile_sam", 16, "cpu"), Image(pair.scene.left)
+    view = SamView(backend, image, preset("default").segment)
+    prompts, good, found = Prompts.at(points(view)[:24]), MaskThresholds(0.8, 0.8), list[MaskPredictions]()
+    for resident in (False, True):
+        monkeypatch.setattr(backend, "resident", resident)
+        large = view.predict(prompts[:8], good)
+        assert isinstance(large.logits, torch.Tensor) == resident
+        found.append(view.predict_small(prompts[8:], good, large))
+    assert np.array_equal(found[0].prompt, found[1].prompt)
+    assert np.array_equal(found[0].bits, found[1].bits)
+    assert np.array_equal(found[0].extent.box, found[1].extent.box)

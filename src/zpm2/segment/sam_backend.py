@@ -41,7 +41,8 @@ NETWORKS = ("image", "prompt", "near", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 MASK_NETWORKS = 8  # sizes of masks whose networks stay compiled; one has 15 MB and takes 0.1 s to compile
 FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
-KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes
+KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes;
+# and of all networks for what is near, in a quarter of that
 
 
 class SamBackend(Protocol):
@@ -228,8 +229,9 @@ class OpenVinoBackend:
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self.image_network = self._compile("image")
         # by number of image tokens, the latest used last; of each, by number of prompts and of tokens of each prompt
-        self.prompt_networks: OrderedDict[int, dict[tuple[str, int, int], _Network]] = OrderedDict()
-        self._gathered: list[Array] | None = None
+        self.prompt_networks: OrderedDict[int, dict[tuple[int, ...], _Network]] = OrderedDict()
+        self.near_networks: OrderedDict[int, dict[tuple[int, ...], _Network]] = OrderedDict()
+        self._gathered: list[Array] | None = None  # what `_near` returned last
         # by number of masks and of rows and columns of tokens, the latest used last
         self.mask_networks: OrderedDict[tuple[int, ...], _Network] = OrderedDict()
 
@@ -245,7 +247,7 @@ class OpenVinoBackend:
         return _Network(self.core.compile_model(graph, "CPU", options))
 
     def image(self, pixels: Array) -> list[Array]:
-        for networks in self.prompt_networks.values():
+        for networks in (*self.prompt_networks.values(), *self.near_networks.values()):
             for network in networks.values():
                 network.rest()
         return [part.copy() for part in self.image_network([pixels])]
@@ -272,28 +274,28 @@ class OpenVinoBackend:
         return iou, hyper, tokens
 
     def _near(self, parts: list[Array], near: NearTokens, batch: int) -> list[Array]:
-        """The parts of each prompt of a batch, which is filled up with the last one."""
-        rows = near.rows[np.minimum(np.arange(batch), len(near.rows) - 1)]
-        keys, k, v, q, position, _ = parts
-        number = rows.shape[1]
+        """The parts of each prompt of a batch, which is filled up with the last one. Always in the same memory."""
+        near = near[np.minimum(np.arange(batch), len(near.rows) - 1)]
+        axes, number = (0, 2, 1, 0, 0), near.rows.shape[1]
         if self._gathered is None or self._gathered[0].shape[:2] != (batch, number):
-            shapes = [(number, 256), (*k.shape[:2], number), (len(v), number, v.shape[2]), (number, 128), (number, 256)]
-            self._gathered = [np.empty((batch, *shape), np.float32) for shape in shapes]
-        for part, axis, out in zip((keys, k, v, q, position), (0, 2, 1, 0, 0), self._gathered, strict=True):
-            for each, into in zip(rows, out, strict=True):
-                np.take(part, each, axis, into, "clip")
-        return [*self._gathered, near.log_count[np.minimum(np.arange(batch), len(near.rows) - 1)]]
+            sides = [(*p.shape[:axis], number, *p.shape[axis + 1 :]) for p, axis in zip(parts[:-1], axes, strict=True)]
+            self._gathered = [np.empty((batch, *each), np.float32) for each in sides]
+        for part, axis, every in zip(parts[:-1], axes, self._gathered, strict=True):
+            for rows, into in zip(near.rows, every, strict=True):
+                np.take(part, rows, axis, into, "clip")
+        return [*self._gathered, near.log_count]
 
     def _prompt(self, name: str, parts: list[Array], sparse: Array, batch: int) -> tuple[Array, Array, Array]:
         """The answers lie in the network's own memory, until it runs again."""
         given = len(sparse)
         full = np.zeros((batch, *sparse.shape[1:]), np.float32)
         full[:given] = sparse
-        size, key = parts[0].shape[-2], (name, *full.shape[:2])
-        networks = self.prompt_networks.setdefault(size, {})
-        self.prompt_networks.move_to_end(size)
-        while sum(self.prompt_networks) > KEPT_TOKENS:
-            self.prompt_networks.popitem(last=False)
+        size, key = parts[0].shape[-2], full.shape[:2]
+        kept = self.prompt_networks if name == "prompt" else self.near_networks
+        networks = kept.setdefault(size, {})
+        kept.move_to_end(size)
+        while sum(kept) > KEPT_TOKENS:
+            kept.popitem(last=False)
         if key not in networks:
             networks[key] = self._compile(name, [part.shape for part in (*parts, full)])
         iou, hyper, tokens = networks[key]([*parts, full])

@@ -32,7 +32,7 @@ class NearTokens:
     rows: NDArray[np.int64]  # (n, N) of the tokens that the view has
     log_count: NDArray[np.float32]  # (n, N) logarithm of how many each stands for; HIDDEN: not seen
 
-    def __getitem__(self, part: slice) -> "NearTokens":
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> "NearTokens":
         return NearTokens(self.rows[part], self.log_count[part])
 
 
