@@ -97,7 +97,7 @@ def remembered(file: Path) -> Iterator[None]:
         view.of = hashlib.sha256(image.rgb.tobytes()).hexdigest()
 
     def asked(answer: Callable[..., Any], view: Any, prompts: Any, thresholds: Any, *masks: Any) -> Any:
-        areas = [each.extent.area.tolist() for each in masks]
+        areas = [part.extent.area.tolist() for parts in masks for part in parts]
         key = view.of, hashlib.sha256(prompts.points.tobytes()).hexdigest(), str(prompts.labels), str(thresholds)
         key = *key, hashlib.sha256(str(areas).encode()).hexdigest()
         if key not in known:

@@ -2,7 +2,7 @@
 each prompt, photograph and pair."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 
@@ -66,9 +66,9 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
         return found[key]
 
     def small_once(
-        view: SamView, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions
+        view: SamView, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
     ) -> MaskPredictions:
-        masks = known.extent.area.tobytes(), known.extent.box.tobytes(), view.config.nms_iou
+        masks = *((part.extent.area.tobytes(), part.extent.box.tobytes()) for part in known), view.config.nms_iou
         key = id(view.parts), view.config.stability_offset, thresholds, prompts.points.tobytes(), masks
         if key not in found:
             found[key] = predict_small(view, prompts, thresholds, known)

@@ -137,10 +137,9 @@ def test_masks_of_small_things_stay(views: tuple[SamView, SamView]) -> None:
     assert isinstance(near, SmallThingsView)
     at, good = points(view), MaskThresholds(0.88, 0.95)
     boxes = Prompts(np.stack([at, at - 30, at + 30], axis=1), np.array([INSIDE, CORNER, OTHER_CORNER]))
-    nothing = MaskPredictions.none(view.size)
     for prompts, found in (
         (boxes, near.predict(boxes, EVERYTHING)),
-        (Prompts.at(at), near.predict_small(Prompts.at(at), EVERYTHING, nothing)),
+        (Prompts.at(at), near.predict_small(Prompts.at(at), EVERYTHING, [])),
     ):
         every = view.predict(prompts, good)
         iou = overlap(every, found)
@@ -167,7 +166,7 @@ def test_large_masks_are_those_that_are_known_or_asked_for_again(
         return ask(parts, sparse, near)
 
     monkeypatch.setattr(near.backend, "prompt", counted)
-    alone = near.predict_small(prompts, good, MaskPredictions.none(view.size))
+    alone = near.predict_small(prompts, good, [])
     again = sum(asked)
     assert 0 < again < len(prompts)
     every = view.predict(prompts, good)
@@ -175,7 +174,7 @@ def test_large_masks_are_those_that_are_known_or_asked_for_again(
     assert large.any()
     assert (overlap(every[large], alone) == 1).mean() > 0.9  # what sees everything says the same
     asked.clear()
-    known = near.predict_small(prompts, good, every[large])
+    known = near.predict_small(prompts, good, [every[large]])
     assert sum(asked) < again / 2
     assert (overlap(every[large], known) > 0.7).mean() > 0.9
     assert np.median(overlap(every, known)) > 0.97
@@ -211,7 +210,7 @@ def test_masks_on_a_device_are_the_same(pair: Pair, monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(backend, "resident", resident)
         large = view.predict(prompts[:8], good)
         assert isinstance(large.logits, torch.Tensor) == resident
-        found.append(view.predict_small(prompts[8:], good, large))
+        found.append(view.predict_small(prompts[8:], good, [large]))
     assert np.array_equal(found[0].prompt, found[1].prompt)
     assert np.array_equal(found[0].bits, found[1].bits)
     assert np.array_equal(found[0].extent.box, found[1].extent.box)

@@ -143,9 +143,11 @@ def test_masks_that_look_alike_inside_windows(seed: int, n: int, threshold: floa
     for one, other in ((cut, known), (torch.from_numpy(cut), torch.from_numpy(known))):
         masks = MaskPredictions(np.arange(n), score, score, one)
         others = MaskPredictions(np.arange(n), others_score, score, other)
-        found, like = suppression.alike_inside(masks, others, window, threshold)
+        parts = [others[np.arange(n // 2)], MaskPredictions.none(SIZE), others[np.arange(n // 2, n)]]
+        found, like = suppression.alike_inside(masks, parts, window, threshold)
         assert list(found) == rows
-        assert np.array_equal(overlaps[found, like], overlaps[found].max(1))
+        assert np.array_equal(overlaps[found, like.prompt], overlaps[found].max(1))
+        assert np.array_equal(like.bits, others.bits[like.prompt])
 
 
 def test_bits_cross_to_a_device_packed() -> None:

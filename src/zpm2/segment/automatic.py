@@ -48,10 +48,11 @@ def automatic_masks(
     thresholds = thresholds or MaskThresholds(config.min_predicted_iou, config.min_stability)
     known = MaskPredictions.none(view.size) if known is None else known
     if config.quality == "full":
-        found, points = [], grid(config.grid, view.size)
+        found, points = list[MaskPredictions](), grid(config.grid, view.size)
         points = points[valid[_pixels(points)]]
         for start in range(0, len(points), view.batch):
-            found.append(view.predict(Prompts.at(points[start : start + view.batch] / view.mask_scale), thresholds))
+            prompts = Prompts.at(points[start : start + view.batch] / view.mask_scale)
+            found.append(_small(view, prompts, thresholds, [_surest(known), *found]))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
         found = _predict_selected(view, config, thresholds, known, (data, valid), progress)
@@ -91,7 +92,7 @@ def _predict_selected(
     )
     first, most_blobs, most_uncovered = (max(1, round(share * len(points))) for share in shares)
     found: list[MaskPredictions] = []
-    large, best = points[:first], dataclasses.replace(known, score=np.full(len(known), np.inf, np.float32))
+    large, surest = points[:first], _surest(known)
 
     def predict(at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
@@ -100,10 +101,10 @@ def _predict_selected(
         while prompted < most and len(rows := rows[wanted(rows)]):
             batch, rows = np.split(rows, [min(view.batch, most - prompted)])
             prompts = Prompts.at(at[batch] / view.mask_scale)
-            if at is not large and isinstance(view, SmallThingsView):
-                predictions = view.predict_small(prompts, thresholds, MaskPredictions.join([best, *found]))
-            else:
+            if at is large:
                 predictions = view.predict(prompts, thresholds)
+            else:
+                predictions = _small(view, prompts, thresholds, [surest, *found])
             coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))
             found.append(predictions)
             prompted += len(batch)
@@ -119,6 +120,20 @@ def _predict_selected(
     predict(rest, lambda rows: ~coverage.covered[_pixels(rest[rows])], most_uncovered, first + most_blobs)
     progress(1.0)
     return found
+
+
+def _small(
+    view: PromptedView, prompts: Prompts, thresholds: MaskThresholds, known: list[MaskPredictions]
+) -> MaskPredictions:
+    """The masks of prompts that mostly show something small; large ones are `known` by then."""
+    if isinstance(view, SmallThingsView):
+        return view.predict_small(prompts, thresholds, known)
+    return view.predict(prompts, thresholds)
+
+
+def _surest(known: MaskPredictions) -> MaskPredictions:
+    """Masks that no other one of the same region replaces."""
+    return dataclasses.replace(known, score=np.full(len(known), np.inf, np.float32))
 
 
 class _Coverage:

@@ -1,5 +1,6 @@
 """Prompts and the masks that a promptable segmenter predicts for them, at the resolution at which it decodes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,3 +106,12 @@ class MaskPredictions:
             stacks.join([p.logits for p in parts]),
             measured,
         )
+
+    @staticmethod
+    def chosen(parts: "Sequence[MaskPredictions]", rows: NDArray[np.intp]) -> "MaskPredictions":
+        """The masks `rows` of `join(parts)`, of which no others are copied."""
+        ends = np.cumsum([len(part) for part in parts])
+        of = np.searchsorted(ends, rows, side="right")
+        order = np.argsort(of, kind="stable")
+        every = [part[rows[of == k] - (ends[k] - len(part))] for k, part in enumerate(parts)]
+        return MaskPredictions.join(every)[np.argsort(order, kind="stable")]

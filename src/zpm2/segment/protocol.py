@@ -80,7 +80,9 @@ class PromptedView(Protocol):
 class SmallThingsView(Protocol):
     """A `PromptedView` that is faster where prompts mostly show something small."""
 
-    def predict_small(self, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions) -> MaskPredictions:
+    def predict_small(
+        self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
+    ) -> MaskPredictions:
         """As `predict`. A large mask may be one of the `known` ones, if it looks like that where the view sees both."""
         ...
 

@@ -1,6 +1,7 @@
 """A photograph that SAM can be asked about, encoded once."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,10 +60,12 @@ class SamView(MaskView):
         predicts SAM's mask for unambiguous prompts. Prompts with small boxes see what is near them (`sam_vicinity`).
         """
         if (prompts.labels >= CORNER).any():
-            return self.predict_small(prompts, thresholds, MaskPredictions.none(self.size))
+            return self.predict_small(prompts, thresholds, [])
         return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
 
-    def predict_small(self, prompts: Prompts, thresholds: MaskThresholds, known: MaskPredictions) -> MaskPredictions:
+    def predict_small(
+        self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
+    ) -> MaskPredictions:
         """As `predict`, of prompts that mostly show something small: they see what is near them.
 
         A mask that is larger than that is taken for the one of the `known` masks that looks like it there. Where none
@@ -102,7 +105,7 @@ class SamView(MaskView):
         start: int,
         thresholds: MaskThresholds,
         origins: NDArray[np.int64],
-        known: MaskPredictions,
+        known: Sequence[MaskPredictions],
     ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
         """The same of prompts that see what is near them, and of each mask whether it is cut off."""
         vicinity = self.vicinity
@@ -123,20 +126,25 @@ class SamView(MaskView):
         return self._recognised(whole, cut, origins[found.prompt], known)
 
     def _recognised(
-        self, masks: MaskPredictions, cut: NDArray[np.bool_], origins: NDArray[np.int64], known: MaskPredictions
+        self,
+        masks: MaskPredictions,
+        cut: NDArray[np.bool_],
+        origins: NDArray[np.int64],
+        known: Sequence[MaskPredictions],
     ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
         """The masks (n,), of which those that are `cut` by their windows are replaced by `known` masks that look like
         them there, and which of them are not."""
         vicinity = self.vicinity
         assert vicinity is not None
         rows = np.flatnonzero(cut)
+        if not len(known) or not len(rows):
+            return masks, cut
         low = TOKEN_PX * origins[rows][:, ::-1]
         window = np.c_[low, np.minimum(low + TOKEN_PX * np.array(vicinity.size[::-1]), self.size[::-1])]
-        row, like = suppression.alike_inside(masks[rows], known, window, self.config.nms_iou)
+        row, same = suppression.alike_inside(masks[rows], known, window, self.config.nms_iou)
         if not len(row):
             return masks, cut
         rows = rows[row]
-        same = known[like]
         replaced = dataclasses.replace(masks[rows], logits=same.logits, measured=same.extent)
         left = np.setdiff1d(np.arange(len(masks)), rows)
         return MaskPredictions.join([masks[left], replaced]), np.append(cut[left], np.zeros(len(rows), bool))

@@ -1,6 +1,6 @@
 """Non-maximum suppression of masks at the decoder's resolution."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,29 +66,30 @@ def leaders(
 
 
 def alike_inside(
-    masks: MaskPredictions, known: MaskPredictions, window: NDArray[np.int64], threshold: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of masks (n,) and of the `known` ones, of no lower score, that look most like them inside the `window`
-    (n, 4) of each, px of a decoded mask, of those whose IoU there is above a `threshold`. The masks lie in their
+    masks: MaskPredictions, known: Sequence[MaskPredictions], window: NDArray[np.int64], threshold: float
+) -> tuple[Rows, MaskPredictions]:
+    """Rows of masks (n,) and, for each of them, the `known` mask that looks most like it inside its `window` (n, 4), px
+    of a decoded mask: of those of no lower score, whose IoU there is above a `threshold`. The masks lie in their
     windows."""
-    best = np.argsort(-known.score, kind="stable")
-    numbers, first = np.unique(np.c_[known.extent.area, known.extent.box][best], axis=0, return_index=True)
+    score = np.concatenate([part.score for part in known])
+    extents = np.concatenate([np.c_[part.extent.area, part.extent.box] for part in known])
+    best = np.argsort(-score, kind="stable")
+    numbers, first = np.unique(extents[best], axis=0, return_index=True)  # a mask may be known several times
     first = best[first]
     area, box = masks.extent.area, masks.extent.box
     low, high = np.maximum(box[:, None, :2], numbers[:, 1:3]), np.minimum(box[:, None, 2:], numbers[:, 3:])
-    most = np.maximum(high - low, 0).prod(2)  # px in common, at most
-    near = (most > threshold * area[:, None]) & (numbers[:, 0] > threshold * area[:, None])
-    row, k = np.nonzero(near & (known.score[first] >= masks.score[:, None]))
+    most = np.minimum(np.maximum(high - low, 0).prod(2), numbers[:, 0])  # px in common, at most
+    row, k = np.nonzero((most > threshold * area[:, None]) & (score[first] >= masks.score[:, None]))
     frame = np.zeros((len(masks), *masks.logits.shape[1:]), bool)
     for canvas, (x0, y0, x1, y1) in zip(frame, window, strict=True):
         canvas[y0:y1, x0:x1] = True
-    bits = stacks.take(known.logits, first[k]) > 0
+    bits = MaskPredictions.chosen(known, first[k]).inside
     both, there = stacks.shared(bits, masks.inside, row), stacks.shared(bits, frame, row)
     overlap = both / np.maximum(area[row] + there - both, 1)
     order = np.lexsort((-overlap, row))
     order = order[overlap[order] > threshold]
     found, at = np.unique(row[order], return_index=True)
-    return found, first[k[order[at]]]
+    return found, MaskPredictions.chosen(known, first[k[order[at]]])
 
 
 def _greedy(score: NDArray[np.floating], alike: Callable[[int, NDArray[np.bool_]], Rows]) -> Rows:
