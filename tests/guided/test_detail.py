@@ -11,7 +11,7 @@ from painted import PaintedView, Region
 from zpm2 import config, geometry
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
-from zpm2.guided import detail, redetection
+from zpm2.guided import detail, redetection, windows
 from zpm2.guided.redetection import DetectedPair, Regions
 from zpm2.model import Image, PointMatches, PolygonMatch
 from zpm2.polygons.overlap import iou
@@ -148,6 +148,17 @@ def test_enough_coverage_needs_no_closer_look():
     before, after = scene.closer()
     assert after is before
     assert scene.asked == []
+
+
+def test_where_scales_differ_more_coverage_is_needed():
+    scene = Pair(large=[shapely.box(10, 10, 305, 270)])
+    before, after = scene.closer()
+    part = windows.shared_part(scene.images, scene.initial, CONFIG)
+    covered = part.covered(np.array([before.left.polygons[m.left].shape for m in matched(before)], object))
+    assert CONFIG.segment.detail.min_coverage < covered < CONFIG.segment.detail.zoomed_coverage
+    assert after is before
+    _, after = scene.closer(config.assign(CONFIG, ["segment.detail.zoom=1"]))
+    assert len(matched(after)) > 0.8 * len(SMALL)
 
 
 def test_level_high_looks_wherever_small_regions_are_likely():

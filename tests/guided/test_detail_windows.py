@@ -55,6 +55,20 @@ def test_a_pair_that_shares_nothing_has_no_part() -> None:
     assert windows.candidates(part, CONFIG) == []
 
 
+@pytest.mark.parametrize("factor", [0.4, 1.0, 1.5, 4.0])
+def test_zoom_is_the_larger_scale_by_the_smaller_one(factor: float) -> None:
+    turned = turn(30.0) @ zoom(factor, 200, 150)
+    assert part_of(turned).zoom == pytest.approx(max(factor, 1 / factor), rel=0.02)
+    assert part_of(np.array([[1, 0, 1000.0], [0, 1, 0], [0, 0, 1]])).zoom == 1.0
+
+
+def turn(degrees: float) -> np.ndarray:
+    """About the middle of the right image."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x, y = SIZE[0] / 2, SIZE[1] / 2
+    return np.array([[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y], [0, 0, 1]])
+
+
 def test_coverage_counts_what_both_show() -> None:
     part = part_of(zoom(2, 200, 150))  # x 100 to 300
     assert part.covered(np.array([shapely.box(0, 0, 200, 300)], object)) == pytest.approx(0.5, abs=0.05)

@@ -58,6 +58,16 @@ class DetailConfig:
     min_coverage: float = share(
         0.75, "of that part inside matched polygons, from which on level auto does not look closer", source=CLOSER
     )
+    zoomed_coverage: float = share(
+        0.85, "the same, of photographs whose scales differ by `zoom` or more", source=CLOSER
+    )
+    zoom: float = number(
+        1.2,
+        "one photograph's scale by the other's, from which on finer regions are likely",
+        low=1.0,
+        high=1000.0,
+        source="a fifth: far more than between the cameras of a stereo pair",
+    )
     auto_windows: int = number(3, "at most, level auto", high=1000, source=CLOSER)
     high_windows: int = number(
         21, "at most, level high", high=1000, source="the part as a whole, 2 x 2 and 4 x 4 windows"

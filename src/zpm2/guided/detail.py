@@ -55,14 +55,16 @@ def look_closer(
     """`pair`, and the regions that windows show.
 
     `matches` are those of `pair`, and `match` finds those of a pair, by rows. `views` encodes a part of each image. On
-    level auto nothing is done where the matched regions cover enough. The window with the most open blobs is next; a
-    window that adds too few matches is the last one of its size.
+    level auto nothing is done where the matched regions cover enough. That is more where scales differ: what one image
+    shows large is likely to be missed in the other. The window with the most open blobs is next; a window that adds too
+    few matches is the last one of its size.
     """
     detail, done = config.segment.detail, list[WindowPair]()
     high = detail.level == "high"
     most = detail.high_windows if high else detail.auto_windows
     part = windows.shared_part(images, initial, config)
-    if not high and part.covered(_matched(pair, matches)) >= detail.min_coverage:
+    enough = detail.zoomed_coverage if part.zoom >= detail.zoom else detail.min_coverage
+    if not high and part.covered(_matched(pair, matches)) >= enough:
         return pair
     for halving in windows.candidates(part, config):
         rest = list(halving)

@@ -40,6 +40,15 @@ class SharedPart:
     cells: NDArray[np.object_]  # (n,) shapely boxes, left image px
     warped: NDArray[np.object_]  # (n,) the same, right image px
 
+    @property
+    def zoom(self) -> float:
+        """How many times as large as in the other photograph things are in the one that shows them larger, >= 1."""
+        area = shapely.area(self.warped) / shapely.area(self.cells)
+        if not area.any():
+            return 1.0
+        ratio = float(np.sqrt(np.median(area[area > 0])))
+        return max(ratio, 1 / ratio)
+
     def covered(self, matched: NDArray[np.object_]) -> float:
         """Share of the cells whose centres lie in one of the left polygons `matched` (m,); 1 where there are none."""
         if not len(self.cells):
