@@ -11,8 +11,15 @@ from zpm2.contract.scenes import grey, half_valid, in_threads, no_data, scene, t
 from zpm2.errors import InputError
 from zpm2.model import Image, Mask
 from zpm2.polygons.vectorize import vectorize
-from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
-from zpm2.segment.protocol import HasNotes, PolygonSource, PromptedSegmenter, Segmenter
+from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
+from zpm2.segment.protocol import (
+    HasNotes,
+    PolygonSource,
+    PromptedSegmenter,
+    PromptedView,
+    Segmenter,
+    SmallThingsView,
+)
 
 For = Callable[[Image], Segmenter]
 Content = list[tuple[int, int, tuple[int, ...], bytes, float]]
@@ -147,10 +154,10 @@ def _prompts(segmenter: PromptedSegmenter, image: Image) -> None:
     every = MaskThresholds(0.0, 0.0)
     prompts = Prompts.at(np.array([[image.width / 2, image.height / 2], [10.5, 10.5]]))
     found = view.predict(prompts, every)
-    shape = (len(found), *view.size)
-    expect(found.logits.shape == shape, f"logits are {found.logits.shape}: give {shape}, as view.size says")
-    rows = bool(((found.prompt >= 0) & (found.prompt < len(prompts))).all())
-    expect(rows, "MaskPredictions.prompt holds rows that are no prompt")
+    _answer(found, len(prompts), view)
+    if isinstance(view, SmallThingsView):
+        _answer(view.predict_small(prompts, every, []), len(prompts), view)
+        _answer(view.predict_small(prompts, every, [found, MaskPredictions.none(view.size)]), len(prompts), view)
     some = found[np.arange(min(len(found), 3))]
     expect(len(view.masks(some)) == len(some), "view.masks gives another number of masks than predictions")
     x, y = np.array([image.width, image.height]) / 2
@@ -163,6 +170,14 @@ def _prompts(segmenter: PromptedSegmenter, image: Image) -> None:
     none = view.predict(prompts[:0], every)
     expect(len(none) == 0, "no prompts give masks")
     expect(view.masks(none) == [], "no predictions give masks")
+
+
+def _answer(found: MaskPredictions, prompts: int, view: PromptedView) -> None:
+    """The masks of so many prompts have the form that they should have."""
+    shape = (len(found), *view.size)
+    expect(found.logits.shape == shape, f"logits are {found.logits.shape}: give {shape}, as view.size says")
+    rows = bool(((found.prompt >= 0) & (found.prompt < prompts)).all())
+    expect(rows, "MaskPredictions.prompt holds rows that are no prompt")
 
 
 CHECKS: Mapping[str, Callable[[For], None]] = {
