@@ -44,7 +44,7 @@ class Published(TorchBackend):
         with self.torch.inference_mode():
             return self.sam.image_encoder(self._to(pixels))
 
-    def prompt(self, parts: Any, sparse: NDArray[np.float32]) -> tuple[Any, Any, Any]:
+    def prompt(self, parts: Any, sparse: NDArray[np.float32], near: Any = None) -> tuple[Any, Any, Any]:
         with self.torch.inference_mode():
             _, dense = self.sam.prompt_encoder(None, None, None)
             dense = dense.expand(len(sparse), -1, -1, -1)
@@ -70,9 +70,9 @@ class Measured:
         backend, regions = self.segmenter.load(), self.matcher._regions
         asked, turned_round = backend.prompt, regions.redetect
 
-        def prompt(parts: Any, sparse: Any) -> Any:
+        def prompt(parts: Any, sparse: Any, near: Any = None) -> Any:
             self.prompts += len(sparse)
-            return asked(parts, sparse)
+            return asked(parts, sparse, near)
 
         def redetect(found: Any, matches: Any, initial: Any) -> Any:
             self.forward = (found.sides(matches, chosen.vectorize), time.perf_counter() - self.start, self.prompts)
@@ -106,7 +106,8 @@ def main() -> None:
         for direction in ("both", "off")
     ]
     if options.torch:
-        plain = ["segment.quality=full", "guided.direction=off", "segment.backend=torch", "segment.padding=0"]
+        plain = ["quality=full", "backend=torch", "padding=0", "vicinity=0"]
+        plain = [*("segment." + each for each in plain), "guided.direction=off"]
         runs.append(("torch, full", plain, [options.torch]))
         runs.append(("torch as published, full", plain, [options.torch]))
     rows: dict[str, list[dict[str, Any]]] = {}

@@ -97,7 +97,7 @@ class OneRequest:
         with self.alone:
             return []
 
-    def prompt(self, parts: object, sparse: np.ndarray) -> tuple[np.ndarray, ...]:
+    def prompt(self, parts: object, sparse: np.ndarray, near: object = None) -> tuple[np.ndarray, ...]:
         with self.alone:
             self.iou[:] = sparse.ravel()[0] / 1000
             return self.iou, np.zeros((4, 4, 32), np.float32), np.zeros((4, 1))
