@@ -33,3 +33,17 @@ def test_answers():
     assert np.array_equal(joined.logits[2], joined.logits[3])
     assert len(MaskPredictions.none((MASK_SIDE, MASK_SIDE))) == 0
     assert MaskPredictions.none((20, MASK_SIDE)).bits.shape == (0, 20, MASK_SIDE)
+
+
+def test_chosen_rows_of_several_parts():
+    parts = [
+        some([4, 5], [0.9, 0.6], [1, 1]),
+        MaskPredictions.none((MASK_SIDE, MASK_SIDE)),
+        some([6, 7, 8], [0.5] * 3, [1] * 3),
+    ]
+    for rows in ([3, 0, 4, 0, 1], [2], []):
+        found = MaskPredictions.chosen(parts, np.array(rows, np.intp))
+        expected = MaskPredictions.join(parts)[np.array(rows, np.intp)]
+        assert np.array_equal(found.prompt, expected.prompt)
+        assert np.array_equal(found.score, expected.score)
+        assert np.array_equal(found.logits, expected.logits)
