@@ -45,6 +45,9 @@ class SamView(MaskView):
         few = thinned(self.cells, config.padding) if config.padding else None
         vicinity = Vicinity(self.cells, config.vicinity, few) if config.vicinity else None
         self.vicinity = vicinity if vicinity is not None and vicinity.saves else None
+        self.far = self.room  # of prompts that see all tokens: few, where others see what is near
+        if self.vicinity is not None and backend.few:
+            self.far = Room(backend.few, self.room.notes, backend.few)
         self.parts: Opaque = parts
         if parts is not None:
             return
@@ -61,7 +64,7 @@ class SamView(MaskView):
         """
         if (prompts.labels >= CORNER).any():
             return self.predict_small(prompts, thresholds, [])
-        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        return predicted(prompts, self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
 
     def predict_small(
         self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
@@ -73,7 +76,7 @@ class SamView(MaskView):
         """
         vicinity = self.vicinity
         if vicinity is None or not len(prompts):
-            return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+            return predicted(prompts, self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
         points = prompts.points * self.mask_scale
         origins, held = vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
         near, again = np.flatnonzero(held), [np.flatnonzero(~held)]
@@ -86,7 +89,7 @@ class SamView(MaskView):
 
         first = predicted(prompts[near], self.room, predict_near, self.size)
         rest = np.sort(np.concatenate(again))
-        whole = predicted(prompts[rest], self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        whole = predicted(prompts[rest], self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
         return MaskPredictions.join(
             [dataclasses.replace(each, prompt=rows[each.prompt]) for each, rows in ((first, near), (whole, rest))]
         )
