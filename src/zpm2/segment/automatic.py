@@ -49,10 +49,10 @@ def automatic_masks(
     known = MaskPredictions.none(view.size) if known is None else known
     if config.quality == "full":
         found, points = list[MaskPredictions](), grid(config.grid, view.size)
-        points = points[valid[_pixels(points)]]
+        points, surest = points[valid[_pixels(points)]], _surest(known)
         for start in range(0, len(points), view.batch):
             prompts = Prompts.at(points[start : start + view.batch] / view.mask_scale)
-            found.append(_small(view, prompts, thresholds, [_surest(known), *found]))
+            found.append(_small(view, prompts, thresholds, [surest, *found]))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
         found = _predict_selected(view, config, thresholds, known, (data, valid), progress)

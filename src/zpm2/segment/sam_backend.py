@@ -41,8 +41,9 @@ NETWORKS = ("image", "prompt", "near", "mask")
 PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
 MASK_NETWORKS = 8  # sizes of masks whose networks stay compiled; one has 15 MB and takes 0.1 s to compile
 FEW = 4  # prompts at a time, where a batch on a CPU would mostly be filled up; a prompt then takes a seventh longer
-KEPT_TOKENS = 8192  # image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes;
-# and of all networks for what is near, in a quarter of that
+# image tokens of all prompt networks that are kept, in about 2 GB: two photographs of any shapes; and of all networks
+# for what is near, in a quarter of that
+KEPT_TOKENS = 8192
 
 
 class SamBackend(Protocol):

@@ -27,18 +27,27 @@ class ThinnedTokens:
 def thinned(size: tuple[int, int], least: int) -> ThinnedTokens | None:
     """The image tokens of a photograph of `size` (height, width) tokens, with at least so many of its empty part; None
     where that is all of them."""
-    height, width = size
-    every = np.arange(GRID * GRID).reshape(GRID, GRID)
-    photograph = every[:height, :width].ravel()
-    empty = np.setdiff1d(every, photograph)
+    photograph, empty = split(size)
     number = -(-(len(photograph) + least) // STEP) * STEP
-    if number >= every.size:
+    if number >= GRID * GRID:
         return None
     chosen = number - len(photograph)
-    along = empty[np.argsort(_along_curve(empty), kind="stable")]
-    spread = along[((np.arange(chosen) + 0.5) * len(empty) / chosen).astype(np.int64)]
+    spread = evenly(empty[np.argsort(_along_curve(empty), kind="stable")], chosen)
     counts = np.append(np.zeros(len(photograph)), np.full(chosen, np.log(len(empty) / chosen)))
     return ThinnedTokens(np.append(photograph, spread), counts.astype(np.float32))
+
+
+def split(size: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The tokens of the square that a photograph of `size` (height, width) tokens fills, and those that it leaves
+    empty."""
+    every = np.arange(GRID * GRID).reshape(GRID, GRID)
+    photograph = every[: size[0], : size[1]].ravel()
+    return photograph, np.setdiff1d(every, photograph)
+
+
+def evenly(tokens: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+    """So many of one or more tokens, evenly spread; some of them again where there are fewer."""
+    return tokens[((np.arange(number) + 0.5) * len(tokens) / number).astype(np.int64)]
 
 
 def _along_curve(tokens: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.segment.sam_padding import GRID, ThinnedTokens
+from zpm2.segment.sam_padding import GRID, ThinnedTokens, evenly, split
 
 BLOCK = 4  # tokens along the side of a block; windows consist of whole blocks
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
@@ -53,6 +53,11 @@ class Vicinity:
         side = BLOCK * self.blocks
         return min(side, _whole(self.cells[0])), min(side, _whole(self.cells[1]))
 
+    @cached_property
+    def last(self) -> NDArray[np.int64]:
+        """(2,) row and column where the last windows begin, tokens."""
+        return np.array([_whole(side) for side in self.cells], np.int64) - np.array(self.size, np.int64)
+
     @property
     def saves(self) -> bool:
         """Whether a window is less than the photograph."""
@@ -62,11 +67,10 @@ class Vicinity:
         """Boxes (n, 4), px of a decoded mask -> the first row and column of a window around each (n, 2), tokens, and
         whether it holds the box (n,)."""
         low, high = boxes[:, [1, 0]] / TOKEN_PX, boxes[:, [3, 2]] / TOKEN_PX
-        size, last = np.array(self.size), np.array([_whole(side) for side in self.cells]) - self.size
-        origin = BLOCK * np.rint((low + high - size) / 2 / BLOCK).astype(np.int64)
-        origin = np.clip(origin, 0, last)
+        origin = BLOCK * np.rint((low + high - self.size) / 2 / BLOCK).astype(np.int64)
+        origin = np.clip(origin, 0, self.last)
         before = (low >= origin + MARGIN) | (origin == 0)
-        after = (high <= origin + size - MARGIN) | (origin == last)
+        after = (high <= origin + self.size - MARGIN) | (origin == self.last)
         return origin, np.asarray((before & after).all(1))
 
     def near(self, origins: NDArray[np.int64]) -> NearTokens:
@@ -88,18 +92,18 @@ class Vicinity:
     def cut(self, boxes: NDArray[np.int64], origins: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(n,) which masks reach a border of their window that is none of the photograph; `boxes` (n, 4) px of a
         decoded mask, from the corner of the window."""
-        rim, size = RIM * TOKEN_PX, np.array(self.size)
-        last = np.array([_whole(side) for side in self.cells]) - size
+        rim, ends = RIM * TOKEN_PX, TOKEN_PX * np.array(self.size)
         before = (boxes[:, [1, 0]] < rim) & (origins > 0)
-        after = (boxes[:, [3, 2]] > TOKEN_PX * size - rim) & (origins < last)
+        after = (boxes[:, [3, 2]] > ends - rim) & (origins < self.last)
         return np.asarray((before | after).any(1))
 
     @cached_property
     def _row_of(self) -> NDArray[np.int64]:
         """(64, 64) the row of each token of the square among those that the view has, 0 where it has it not."""
-        result = np.arange(GRID * GRID) if self.tokens is None else np.zeros(GRID * GRID, np.int64)
-        if self.tokens is not None:
-            result[self.tokens.rows] = np.arange(len(self.tokens.rows))
+        if self.tokens is None:
+            return np.arange(GRID * GRID).reshape(GRID, GRID)
+        result = np.zeros(GRID * GRID, np.int64)
+        result[self.tokens.rows] = np.arange(len(self.tokens.rows))
         return result.reshape(GRID, GRID)
 
     @cached_property
@@ -114,7 +118,7 @@ class Vicinity:
         number = self.size[0] * self.size[1] + len(rows)
         more = -(number + min(LEAST_PADDING, len(empty))) // STEP * -STEP - number
         if len(empty):
-            spread = empty[((np.arange(more) + 0.5) * len(empty) / more).astype(np.int64)]
+            spread = evenly(empty, more)
             told = np.log((GRID * GRID - self.cells[0] * self.cells[1]) / more)
         else:
             spread, told = np.zeros(more, np.int64), HIDDEN
@@ -126,8 +130,7 @@ class Vicinity:
         """The rows of the tokens of the empty part that the view has."""
         if self.tokens is not None:
             return np.arange(self.cells[0] * self.cells[1], len(self.tokens.rows))
-        every = np.arange(GRID * GRID).reshape(GRID, GRID)
-        return np.setdiff1d(every, every[: self.cells[0], : self.cells[1]])
+        return split(self.cells)[1]
 
 
 def _whole(side: int) -> int:

@@ -21,7 +21,8 @@ AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets 
 
 
 class SamView(MaskView):
-    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView` and `EmbeddedView`.
+    """One photograph as SAM sees it: in a 1024-px square, encoded once. Implements `PromptedView`, `EmbeddedView` and
+    `SmallThingsView`.
 
     `encoded` is what `backend.image` returns of it, where that is known, `parts` what an earlier view made of that, and
     `room` that of all views of a backend.
@@ -64,7 +65,7 @@ class SamView(MaskView):
         """
         if (prompts.labels >= CORNER).any():
             return self.predict_small(prompts, thresholds, [])
-        return predicted(prompts, self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        return self._predict_whole(prompts, thresholds)
 
     def predict_small(
         self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
@@ -76,7 +77,7 @@ class SamView(MaskView):
         """
         vicinity = self.vicinity
         if vicinity is None or not len(prompts):
-            return predicted(prompts, self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+            return self._predict_whole(prompts, thresholds)
         points = prompts.points * self.mask_scale
         origins, held = vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
         near, again = np.flatnonzero(held), [np.flatnonzero(~held)]
@@ -89,18 +90,22 @@ class SamView(MaskView):
 
         first = predicted(prompts[near], self.room, predict_near, self.size)
         rest = np.sort(np.concatenate(again))
-        whole = predicted(prompts[rest], self.far, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        whole = self._predict_whole(prompts[rest], thresholds)
         return MaskPredictions.join(
             [dataclasses.replace(each, prompt=rows[each.prompt]) for each, rows in ((first, near), (whole, rest))]
         )
 
-    def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
-        """The masks of prompts that see the whole photograph; the first of them has row `start`."""
-        answer = self._ask(prompts, thresholds, None, self.size)
-        if answer is None:
-            return MaskPredictions.none(self.size)
-        rows, iou, logits = answer
-        return self._settled(start + rows, iou, logits, thresholds)
+    def _predict_whole(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+        """The masks of prompts that see the whole photograph."""
+
+        def predict(part: Prompts, start: int) -> MaskPredictions:
+            answer = self._ask(part, thresholds, None, self.size)
+            if answer is None:
+                return MaskPredictions.none(self.size)
+            rows, iou, logits = answer
+            return self._settled(start + rows, iou, logits, thresholds)
+
+        return predicted(prompts, self.far, predict, self.size)
 
     def _predict_near(
         self,
@@ -110,7 +115,8 @@ class SamView(MaskView):
         origins: NDArray[np.int64],
         known: Sequence[MaskPredictions],
     ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
-        """The same of prompts that see what is near them, and of each mask whether it is cut off."""
+        """The masks of prompts that see what is near them, and of each whether it is cut off. The first prompt has row
+        `start`."""
         vicinity = self.vicinity
         assert vicinity is not None
         size, nothing = (TOKEN_PX * vicinity.size[0], TOKEN_PX * vicinity.size[1]), MaskPredictions.none(self.size)
