@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from views import angle, matched, rotation, views
+from views import Views, angle, matched, rotation, views
 
-from zpm2.config import PoseConfig
+from zpm2.config import PoseConfig, preset
 from zpm2.errors import ConfigError, Failed, MissingDependency
-from zpm2.pose.estimators import ESTIMATORS, PoseEstimator, open_estimator
+from zpm2.pose.estimators import ESTIMATORS, PoseEstimate, PoseEstimator, most_likely, open_estimator
 
 PX = 1 / 700  # of rays
 
@@ -97,3 +97,62 @@ def test_a_missing_package_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "poselib", None)
     with pytest.raises(MissingDependency, match="pip install poselib"):
         open_estimator("poselib")
+
+
+class Drawn:
+    """An estimator that answers with what it was given for each seed."""
+
+    name = "drawn"
+
+    def __init__(self, answers: dict[int, PoseEstimate | Failed]) -> None:
+        self.answers, self.seeds = answers, list[int]()
+
+    def estimate(self, left: np.ndarray, right: np.ndarray, threshold: float, seed: int) -> PoseEstimate | Failed:
+        self.seeds.append(seed)
+        return self.answers[seed]
+
+
+def agreeing(of: Views, rotation: np.ndarray, share: float) -> PoseEstimate:
+    """A pose on which that share of the points is said to agree."""
+    return PoseEstimate(rotation, of.direction, np.arange(len(of.points)) < share * len(of.points))
+
+
+def test_where_few_points_agree_the_most_likely_of_several_poses_counts() -> None:
+    of = views(0, noise=0.5, outliers=0.6)
+    wrong = rotation(0, 3.0, 0) @ of.rotation
+    answers = {
+        6: agreeing(of, wrong, 0.45),
+        7: Failed("none"),
+        8: agreeing(of, of.rotation, 0.3),  # fewer are said to agree, as of a threshold that is too tight
+    }
+    for starts, expected in ((3, of.rotation), (1, wrong)):
+        estimator = Drawn(answers if starts == 3 else {6: answers[6]})
+        seed = 6 // starts
+        found = most_likely(estimator, *of.rays, PX, seed, PoseConfig(starts=starts))
+        assert not isinstance(found, Failed)
+        assert np.array_equal(found.rotation, expected)
+        assert sorted(estimator.seeds) == list(range(6, 6 + starts))
+
+
+def test_one_start_is_enough_where_many_points_agree() -> None:
+    of = views(0)
+    estimator = Drawn({0: agreeing(of, of.rotation, 0.5)})
+    assert most_likely(estimator, *of.rays, PX, 0, PoseConfig(starts=10)) is estimator.answers[0]
+    assert estimator.seeds == [0]
+
+
+def test_no_start_finds_a_pose() -> None:
+    of = views(0)
+    estimator = Drawn(dict.fromkeys(range(4), Failed("none")))
+    assert most_likely(estimator, *of.rays, PX, 0, PoseConfig(starts=4)) == Failed("none")
+
+
+def test_seeds_agree_where_few_points_are_right() -> None:
+    pytest.importorskip("poselib")
+    of, best = views(3, n=600, noise=1.0, outliers=0.8), preset("default").pose
+    errors = []
+    for seed in range(4):
+        found = most_likely(open_estimator("poselib", best), *of.rays, PX, seed, best)
+        assert not isinstance(found, Failed)
+        errors.append(angle(found.rotation, of.rotation))
+    assert max(errors) < 1.5

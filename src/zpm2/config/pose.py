@@ -103,6 +103,30 @@ class PoseConfig:
     poselib_max_iterations: int = number(
         20_000, "samples of LO-RANSAC at most", low=1, high=1_000_000, source="PoseLib: 100,000"
     )
+    draw: Literal["all", "whole"] = option(
+        "all",
+        "points that the estimator draws from: all, or those of the whole images; crops then only refine the pose",
+        source="paper 3.5.1; whole: points of crops were searched where the matches are, docs/pose.md",
+    )
+    starts: int = number(
+        1,
+        "of the estimator, with other seeds, where few points agree; the most likely pose counts",
+        low=1,
+        high=1000,
+        source="beyond the paper; 10 in preset default, docs/pose.md",
+    )
+    sure_inliers: float = share(
+        0.5,
+        "of the points; where as many agree on a pose, one start is enough",
+        source="then all starts give that pose",
+    )
+    tail: float = number(
+        1.5,
+        "scale of the Cauchy distribution by which poses are compared",
+        unit="noise_px",
+        above=True,
+        source="measured: 1 to 3 give the same, docs/pose.md",
+    )
     points: Literal["regions", "all"] = option(
         "regions", "of the whole images: those in matched regions (M1 filtered), or all", source="paper 3.5.1"
     )
@@ -163,7 +187,7 @@ class PoseConfig:
     )
     bucket: int = number(
         0,
-        "points kept in each cell of the left image, best first; 0: all",
+        "points of each cell of the left image that the pose is refined on, best first; 0: all",
         source="beyond the paper; 50 in preset default, docs/pose.md",
     )
     cells: int = number(

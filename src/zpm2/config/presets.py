@@ -20,7 +20,9 @@ PRESETS: dict[str, Config] = {
         ),
         guided=GuidedConfig(direction="both"),
         tiles=TilesConfig(mode="auto"),
-        pose=PoseConfig(estimator="auto", noise_px=0.75, points="all", crops="rectified", bucket=50),
+        pose=PoseConfig(
+            estimator="auto", noise_px=0.75, draw="whole", starts=10, points="all", crops="rectified", bucket=50
+        ),
         cloud=CloudConfig(diffusion="surface"),
     ),
 }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2 import geometry
 from zpm2.config import PoseConfig
+from zpm2.cores import in_chunks
 from zpm2.errors import ConfigError, Failed, MissingDependency
 
 Array = NDArray[np.float64]
@@ -117,6 +118,33 @@ def open_estimator(name: str, config: PoseConfig = DEFAULTS) -> PoseEstimator:
     if name not in ESTIMATORS:
         raise ConfigError(f"unknown estimator '{name}'; estimators are: {', '.join(ESTIMATORS)}")
     return ESTIMATORS[name](config)
+
+
+def most_likely(
+    estimator: PoseEstimator, left: Array, right: Array, threshold: float, seed: int, config: PoseConfig
+) -> PoseEstimate | Failed:
+    """What `estimator` finds for the rays (n, 2). Where fewer than `config.sure_inliers` agree on that, it starts
+    `config.starts` times in all, with other seeds, and the pose under which the rays are most likely counts.
+
+    Few inliers let random samples end at different poses, and the count of inliers says little about which of them is
+    right. So all rays are asked, by a Cauchy distribution of their Sampson distances (scale `config.tail`): it has room
+    for wrong points, and for right ones that are less exact.
+    """
+
+    def start(number: int) -> PoseEstimate | Failed:
+        return estimator.estimate(left, right, threshold, seed * config.starts + number)
+
+    def unlikeliness(found: PoseEstimate | Failed) -> float:
+        if isinstance(found, Failed):
+            return np.inf
+        distance = geometry.sampson_distance(found.essential, left, right) / (config.tail * threshold)
+        return float(np.log1p(distance**2).sum())
+
+    first = start(0)
+    if not isinstance(first, Failed) and first.inliers.mean() >= config.sure_inliers:
+        return first
+    more = in_chunks(lambda numbers: start(numbers.start + 1), config.starts - 1, 1)
+    return min([first, *more], key=unlikeliness)
 
 
 def _too_few(count: int, config: PoseConfig) -> Failed:
