@@ -145,6 +145,13 @@ def test_unrelated_photographs_have_no_pose(n: int, estimator: str, points: str)
     assert any(text.startswith("no pose: ") for text in result.all_warnings())
 
 
+def test_more_starts_find_no_pose_of_unrelated_photographs() -> None:
+    pytest.importorskip("poselib")
+    assert config.preset("default").pose.starts > 1
+    of = views(5, n=100, outliers=1.0)
+    assert isinstance(found(of, config.assign(config.preset("default"), ["pose.crops=off"])).pose, Failed)
+
+
 def test_points_of_crops_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """They agree because they were looked for where the matches put them."""
     good, wrong = views(0), views(1, n=60, outliers=1.0)

@@ -94,17 +94,19 @@ def _predict_selected(
     found: list[MaskPredictions] = []
     large, surest = points[:first], _surest(known)
 
-    def predict(at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int) -> None:
+    def predict(
+        at: NDArray[np.float64], wanted: Callable[[Rows], NDArray[np.bool_]], most: int, done: int, small: bool = True
+    ) -> None:
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
-        reached."""
+        reached. They mostly show something `small`, or not."""
         rows, prompted = np.arange(len(at)), 0
         while prompted < most and len(rows := rows[wanted(rows)]):
             batch, rows = np.split(rows, [min(view.batch, most - prompted)])
             prompts = Prompts.at(at[batch] / view.mask_scale)
-            if at is large:
-                predictions = view.predict(prompts, thresholds)
-            else:
+            if small:
                 predictions = _small(view, prompts, thresholds, [surest, *found])
+            else:
+                predictions = view.predict(prompts, thresholds)
             coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))
             found.append(predictions)
             prompted += len(batch)
@@ -114,7 +116,7 @@ def _predict_selected(
         at = _pixels(spots.points[rows])
         return np.asarray(valid[at] & (coverage.smallest[at] > limits.max_mask_to_blob * spots.area[rows]))
 
-    predict(large, lambda rows: ~coverage.covered[_pixels(large[rows])], first, 0)
+    predict(large, lambda rows: ~coverage.covered[_pixels(large[rows])], first, 0, small=False)
     predict(spots.points, without_mask, most_blobs, first)
     rest = points[first:]
     predict(rest, lambda rows: ~coverage.covered[_pixels(rest[rows])], most_uncovered, first + most_blobs)
