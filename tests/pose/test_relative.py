@@ -102,35 +102,6 @@ def test_two_motions_are_ambiguous() -> None:
     assert any("another pose" in text for text in result.all_warnings())
 
 
-def test_points_of_crops_only_refine_a_pose_that_is_drawn_from_whole_images() -> None:
-    """More points of crops than others, which agree on another pose."""
-    of, other = views(0, n=200, noise=0.3), views(0, n=600, noise=0.3, turn=rotation(-5.0, 0, 9.0), shift=(0.3, 1.0, 0))
-    local = np.arange(800) >= 200
-    chosen = Correspondences(PointMatches.join([of.points, other.points]), np.full(800, -1), local)
-    for draw, truth in (("whole", of), ("all", other)):
-        pose, inliers, _ = PoseFinder(Config(pose=PoseConfig(draw=draw))).estimate(chosen, of.cameras)
-        assert not isinstance(pose, Failed)
-        assert angle(pose.rotation, truth.rotation) < 0.5
-        assert inliers[local == (truth is other)].mean() > 0.8
-
-
-def test_a_pose_is_refined_on_points_that_are_spread_evenly() -> None:
-    """In one cell many points are off by half a px: as many as count elsewhere, they move the pose little."""
-    of = views(0, n=300, noise=0.1)
-    crowd = np.repeat(np.argmin(np.linalg.norm(of.points.left - [60.0, 60.0], axis=1)), 900)
-    jitter = np.random.default_rng(0).uniform(-4, 4, (900, 2))
-    off = PointMatches(of.points.left[crowd] + jitter, of.points.right[crowd] + jitter + [0.4, 0.4], np.zeros(900))
-    points = PointMatches.join([of.points, off])
-    chosen = Correspondences(points, np.full(len(points), -1), np.zeros(len(points), bool))
-    errors = []
-    for bucket in (5, 0):
-        pose, inliers, _ = PoseFinder(Config(pose=PoseConfig(bucket=bucket))).estimate(chosen, of.cameras)
-        assert not isinstance(pose, Failed)
-        assert len(inliers) == len(points)
-        errors.append(angle(pose.rotation, of.rotation))
-    assert errors[0] < errors[1] / 2
-
-
 @pytest.mark.parametrize("points", ["regions", "all"])
 @pytest.mark.parametrize("estimator", ["opencv", "poselib"])
 @pytest.mark.parametrize("n", [30, 100, 300])

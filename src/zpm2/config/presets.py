@@ -20,9 +20,7 @@ PRESETS: dict[str, Config] = {
         ),
         guided=GuidedConfig(direction="both"),
         tiles=TilesConfig(mode="auto"),
-        pose=PoseConfig(
-            estimator="auto", noise_px=0.75, draw="whole", starts=10, points="all", crops="rectified", bucket=50
-        ),
+        pose=PoseConfig(estimator="auto", noise_px=0.75, starts=10, points="all", crops="rectified", bucket=50),
         cloud=CloudConfig(diffusion="surface"),
     ),
 }

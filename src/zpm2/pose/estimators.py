@@ -121,30 +121,43 @@ def open_estimator(name: str, config: PoseConfig = DEFAULTS) -> PoseEstimator:
 
 
 def most_likely(
-    estimator: PoseEstimator, left: Array, right: Array, threshold: float, seed: int, config: PoseConfig
+    estimator: PoseEstimator,
+    further: PoseEstimator,
+    left: Array,
+    right: Array,
+    threshold: float,
+    whole: NDArray[np.bool_],
+    seed: int,
+    config: PoseConfig,
 ) -> PoseEstimate | Failed:
-    """What `estimator` finds for the rays (n, 2). Where fewer than `config.sure_inliers` agree on that, it starts
-    `config.starts` times in all, with other seeds, and the pose under which the rays are most likely counts.
+    """What `estimator` finds for the rays (n, 2). Where fewer than `config.sure_inliers` of those of the `whole` images
+    (n,) agree, `further` starts on these with other seeds, `config.starts` starts in all, and the pose under which they
+    are most likely counts.
 
     Few inliers let random samples end at different poses, and the count of inliers says little about which of them is
     right. So all rays are asked, by a Cauchy distribution of their Sampson distances (scale `config.tail`): it has room
-    for wrong points, and for right ones that are less exact.
+    for wrong points, and for right ones that are less exact. Points of crops have no say in this, as they were searched
+    for where the matches put them.
     """
-
-    def start(number: int) -> PoseEstimate | Failed:
-        return estimator.estimate(left, right, threshold, seed * config.starts + number)
 
     def unlikeliness(found: PoseEstimate | Failed) -> float:
         if isinstance(found, Failed):
             return np.inf
-        distance = geometry.sampson_distance(found.essential, left, right) / (config.tail * threshold)
+        distance = geometry.sampson_distance(found.essential, left[whole], right[whole]) / (config.tail * threshold)
         return float(np.log1p(distance**2).sum())
 
-    first = start(0)
-    if not isinstance(first, Failed) and first.inliers.mean() >= config.sure_inliers:
+    def start(numbers: slice) -> PoseEstimate | Failed:
+        found = further.estimate(left[whole], right[whole], threshold, seed * config.starts + 1 + numbers.start)
+        if isinstance(found, Failed):
+            return found
+        inliers = np.zeros(len(left), bool)
+        inliers[whole] = found.inliers
+        return PoseEstimate(found.rotation, found.translation, inliers)
+
+    first = estimator.estimate(left, right, threshold, seed * config.starts)
+    if not isinstance(first, Failed) and first.inliers[whole].sum() >= config.sure_inliers * whole.sum():
         return first
-    more = in_chunks(lambda numbers: start(numbers.start + 1), config.starts - 1, 1)
-    return min([first, *more], key=unlikeliness)
+    return min([first, *in_chunks(start, config.starts - 1, 1)], key=unlikeliness)
 
 
 def _too_few(count: int, config: PoseConfig) -> Failed:

@@ -15,7 +15,7 @@ from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
-from zpm2.pose.estimators import PoseEstimate, PoseEstimator, most_likely, open_estimator
+from zpm2.pose.estimators import OpenCv, PoseEstimate, PoseEstimator, most_likely, open_estimator
 from zpm2.pose.focal import focal_from_points
 from zpm2.pose.points import Correspondences, RayPairs, cell_of, region_of, spread, union
 from zpm2.pose.refine import RefinedPose, blocks, refine
@@ -40,6 +40,7 @@ class PoseFinder:
     def __init__(self, config: Config, matcher: PointMatcher | None = None, device: str = "cpu") -> None:
         self.config, self.device, self._matcher = config, device, matcher
         self.estimator: PoseEstimator = open_estimator(config.pose.estimator, config.pose)
+        self.further = OpenCv(config.pose)
 
     def __call__(
         self, result: MatchResult, cameras: tuple[Camera, Camera] | None, images: tuple[Image, Image] | None = None
@@ -99,6 +100,9 @@ class PoseFinder:
             points = points[region >= 0]
         if config.crops != "off" and len(result.matches):
             points = union(points, self._local(result, pairs, images or result.images()), config.same_point)
+        if config.bucket:
+            size = result.left.width, result.left.height
+            points = points[spread(points.points, size, config.cells, config.bucket)]
         if config.points == "regions" and len(points) == 0 and len(result.points):
             (warnings if warnings is not None else []).append("no point lies in matched regions: all points are used")
             points = Correspondences(result.points, region, np.zeros(len(region), bool))
@@ -133,44 +137,35 @@ class PoseFinder:
         """The pose, the (n,) inliers, and the regions (rows of matched pairs) that were rejected."""
         seed = self.config.seed if seed is None else seed
         config, rays = self.config.pose, self._rays(chosen.points, cameras)
-        drawn = ~chosen.local if config.draw == "whole" else np.ones(len(rays), bool)
 
-        def estimate(usable: NDArray[np.bool_]) -> PoseEstimate | Failed:
-            rows = np.flatnonzero(usable & drawn)
-            found = most_likely(self.estimator, rays.left[rows], rays.right[rows], rays.noise, seed, config)
+        def estimate(rows: NDArray[np.intp]) -> PoseEstimate | Failed:
+            some, whole = rays[rows], ~chosen.local[rows]
+            found = most_likely(self.estimator, self.further, some.left, some.right, some.noise, whole, seed, config)
             if isinstance(found, Failed):
                 return found
             inliers = np.zeros(len(rays), bool)
             inliers[rows] = found.inliers
             return dataclasses.replace(found, inliers=inliers)
 
-        first = estimate(np.ones(len(rays), bool))
+        first = estimate(np.arange(len(rays)))
         rejected = np.zeros(0, np.intp)
         if isinstance(first, Failed):
             return first, np.zeros(len(rays), bool), rejected
         rejected = inconsistent_regions(first, rays, chosen.region, config)
         if len(rejected):
-            second = estimate(~np.isin(chosen.region, rejected))
+            second = estimate(np.flatnonzero(~np.isin(chosen.region, rejected)))
             if isinstance(second, Failed):
                 rejected = rejected[:0]
             else:
                 first = second
         usable = ~np.isin(chosen.region, rejected)
-        even = self._spread(chosen.points, cameras[0].size)
-        refined = _with_inliers(self._refined(first, rays, usable & even), rays, usable, config)
+        refined = _with_inliers(self._refined(first, rays, usable), rays, usable, config)
         final = refined.estimate
         places = places_of(chosen, cameras[0].size, config.cells)
         doubts = degeneracy.examine(final, rays, places, refined.translation_sigma, config, seed)
         doubts = doubts.with_rival(self._rival(final, rays, seed), int(final.inliers.sum()), config.degeneracy)
         inliers = final.inliers if doubts.rotated is None else doubts.rotated
         return RelativePose.of(refined, doubts), inliers, rejected
-
-    def _spread(self, points: PointMatches, size: tuple[int, int]) -> NDArray[np.bool_]:
-        """(n,) the points that the pose is refined on, spread over the left image of that size."""
-        config = self.config.pose
-        if not config.bucket:
-            return np.ones(len(points), bool)
-        return spread(points, size, config.cells, config.bucket)
 
     def _refined(self, estimate: PoseEstimate, rays: RayPairs, usable: NDArray[np.bool_]) -> RefinedPose:
         """The pose refined on the `usable` points roughly near it, and again on those near the refined pose."""
