@@ -9,6 +9,7 @@ from views import Views, angle, matched, rotation, views
 from zpm2.config import PoseConfig, preset
 from zpm2.errors import ConfigError, Failed, MissingDependency
 from zpm2.pose.estimators import ESTIMATORS, OpenCv, PoseEstimate, PoseEstimator, most_likely, open_estimator
+from zpm2.pose.points import RayPairs
 
 PX = 1 / 700  # of rays
 
@@ -117,8 +118,11 @@ def agreeing(of: Views, rotation: np.ndarray, share: float) -> PoseEstimate:
     return PoseEstimate(rotation, of.direction, np.arange(len(of.points)) < share * len(of.points))
 
 
-def everywhere(of: Views) -> np.ndarray:
-    return np.ones(len(of.points), bool)
+def found_by(
+    first: PoseEstimator, further: PoseEstimator, of: Views, seed: int, options: PoseConfig
+) -> PoseEstimate | Failed:
+    """The most likely pose, all of whose points are of the whole images."""
+    return most_likely(first, further, RayPairs(*of.rays, PX), np.ones(len(of.points), bool), seed, options)
 
 
 def test_where_few_points_agree_the_most_likely_of_several_poses_counts() -> None:
@@ -132,7 +136,7 @@ def test_where_few_points_agree_the_most_likely_of_several_poses_counts() -> Non
     for starts, expected in ((3, of.rotation), (1, wrong)):
         estimator = Drawn(answers if starts == 3 else {6: answers[6]})
         seed = 6 // starts
-        found = most_likely(estimator, estimator, *of.rays, PX, everywhere(of), seed, PoseConfig(starts=starts))
+        found = found_by(estimator, estimator, of, seed, PoseConfig(starts=starts))
         assert not isinstance(found, Failed)
         assert np.array_equal(found.rotation, expected)
         assert sorted(estimator.seeds) == list(range(6, 6 + starts))
@@ -141,17 +145,15 @@ def test_where_few_points_agree_the_most_likely_of_several_poses_counts() -> Non
 def test_one_start_is_enough_where_many_points_agree() -> None:
     of = views(0)
     estimator = Drawn({0: agreeing(of, of.rotation, 0.4)})
-    assert (
-        most_likely(estimator, estimator, *of.rays, PX, everywhere(of), 0, PoseConfig(starts=10))
-        is estimator.answers[0]
-    )
+    found = found_by(estimator, estimator, of, 0, PoseConfig(starts=10))
+    assert found is estimator.answers[0]
     assert estimator.seeds == [0]
 
 
 def test_further_starts_are_of_the_other_estimator() -> None:
     of = views(0)
     first, further = Drawn({8: Failed("none")}), Drawn({k: agreeing(of, of.rotation, 0.1) for k in (9, 10, 11)})
-    assert not isinstance(most_likely(first, further, *of.rays, PX, everywhere(of), 2, PoseConfig(starts=4)), Failed)
+    assert not isinstance(found_by(first, further, of, 2, PoseConfig(starts=4)), Failed)
     assert (first.seeds, sorted(further.seeds)) == ([8], [9, 10, 11])
 
 
@@ -159,11 +161,11 @@ def test_points_of_crops_have_no_say() -> None:
     """Most points agree on a wrong pose, but those of the whole images do not."""
     pytest.importorskip("poselib")
     of, other = views(0, n=200, noise=0.3), views(1, n=600, noise=0.3, turn=rotation(-5.0, 0, 9.0), shift=(0.3, 1.0, 0))
-    left, right = (np.concatenate(each) for each in zip(of.rays, other.rays, strict=True))
+    rays = RayPairs(*(np.concatenate(each) for each in zip(of.rays, other.rays, strict=True)), PX)
     whole = np.arange(800) < 200
     for starts, truth in ((5, of), (1, other)):
         options = PoseConfig(starts=starts)
-        found = most_likely(open_estimator("poselib"), OpenCv(options), left, right, PX, whole, 0, options)
+        found = most_likely(open_estimator("poselib"), OpenCv(options), rays, whole, 0, options)
         assert not isinstance(found, Failed)
         assert angle(found.rotation, truth.rotation) < 0.5
         assert found.inliers[whole == (truth is of)].mean() > 0.8
@@ -172,7 +174,7 @@ def test_points_of_crops_have_no_say() -> None:
 def test_no_start_finds_a_pose() -> None:
     of = views(0)
     estimator = Drawn(dict.fromkeys(range(4), Failed("none")))
-    assert most_likely(estimator, estimator, *of.rays, PX, everywhere(of), 0, PoseConfig(starts=4)) == Failed("none")
+    assert found_by(estimator, estimator, of, 0, PoseConfig(starts=4)) == Failed("none")
 
 
 def test_seeds_agree_where_few_points_are_right() -> None:
@@ -180,7 +182,7 @@ def test_seeds_agree_where_few_points_are_right() -> None:
     of, best = views(3, n=600, noise=1.0, outliers=0.8), preset("default").pose
     errors = []
     for seed in range(4):
-        found = most_likely(open_estimator("poselib", best), OpenCv(best), *of.rays, PX, everywhere(of), seed, best)
+        found = found_by(open_estimator("poselib", best), OpenCv(best), of, seed, best)
         assert not isinstance(found, Failed)
         errors.append(angle(found.rotation, of.rotation))
     assert max(errors) < 1.5

@@ -13,6 +13,7 @@ from zpm2 import geometry
 from zpm2.config import PoseConfig
 from zpm2.cores import in_chunks
 from zpm2.errors import ConfigError, Failed, MissingDependency
+from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
 DEFAULTS = PoseConfig()
@@ -123,41 +124,45 @@ def open_estimator(name: str, config: PoseConfig = DEFAULTS) -> PoseEstimator:
 def most_likely(
     estimator: PoseEstimator,
     further: PoseEstimator,
-    left: Array,
-    right: Array,
-    threshold: float,
+    rays: RayPairs,
     whole: NDArray[np.bool_],
     seed: int,
     config: PoseConfig,
 ) -> PoseEstimate | Failed:
-    """What `estimator` finds for the rays (n, 2). Where fewer than `config.sure_inliers` of those of the `whole` images
-    (n,) agree, `further` starts on these with other seeds, `config.starts` starts in all, and the pose under which they
-    are most likely counts.
+    """What `estimator` finds for n rays. Where fewer than `config.sure_inliers` of those of the `whole` images (n,)
+    agree, `further` starts on these with other seeds, `config.starts` starts in all, and the pose under which they are
+    most likely counts.
 
     Few inliers let random samples end at different poses, and the count of inliers says little about which of them is
-    right. So all rays are asked, by a Cauchy distribution of their Sampson distances (scale `config.tail`): it has room
-    for wrong points, and for right ones that are less exact. Points of crops have no say in this, as they were searched
-    for where the matches put them.
+    right. So all rays of the whole images are asked, by a Cauchy distribution of their Sampson distances (scale
+    `config.tail`): it has room for wrong points, and for right ones that are less exact. Points of crops have no say in
+    this, as they were searched for where the matches put them.
     """
+    rows = np.flatnonzero(whole)
+    asked = rays[rows]
+
+    def start(numbers: slice) -> PoseEstimate | Failed:
+        found = further.estimate(asked.left, asked.right, rays.noise, seed * config.starts + 1 + numbers.start)
+        return among(found, rows, len(rays))
 
     def unlikeliness(found: PoseEstimate | Failed) -> float:
         if isinstance(found, Failed):
             return np.inf
-        distance = geometry.sampson_distance(found.essential, left[whole], right[whole]) / (config.tail * threshold)
-        return float(np.log1p(distance**2).sum())
+        return float(np.log1p((asked.distance(found.essential) / (config.tail * rays.noise)) ** 2).sum())
 
-    def start(numbers: slice) -> PoseEstimate | Failed:
-        found = further.estimate(left[whole], right[whole], threshold, seed * config.starts + 1 + numbers.start)
-        if isinstance(found, Failed):
-            return found
-        inliers = np.zeros(len(left), bool)
-        inliers[whole] = found.inliers
-        return PoseEstimate(found.rotation, found.translation, inliers)
-
-    first = estimator.estimate(left, right, threshold, seed * config.starts)
-    if not isinstance(first, Failed) and first.inliers[whole].sum() >= config.sure_inliers * whole.sum():
+    first = estimator.estimate(rays.left, rays.right, rays.noise, seed * config.starts)
+    if not isinstance(first, Failed) and first.inliers[rows].sum() >= config.sure_inliers * len(rows):
         return first
     return min([first, *in_chunks(start, config.starts - 1, 1)], key=unlikeliness)
+
+
+def among(found: PoseEstimate | Failed, rows: NDArray[np.intp], count: int) -> PoseEstimate | Failed:
+    """The same pose, whose points were the `rows` of `count` points."""
+    if isinstance(found, Failed):
+        return found
+    inliers = np.zeros(count, bool)
+    inliers[rows] = found.inliers
+    return PoseEstimate(found.rotation, found.translation, inliers)
 
 
 def _too_few(count: int, config: PoseConfig) -> Failed:

@@ -15,7 +15,7 @@ from zpm2.global_match import initial_geometry
 from zpm2.global_match.chance import MIRRORED, log_chance
 from zpm2.model import Camera, Image, PointMatches, PolygonArrays
 from zpm2.pose import crops, degeneracy
-from zpm2.pose.estimators import OpenCv, PoseEstimate, PoseEstimator, most_likely, open_estimator
+from zpm2.pose.estimators import OpenCv, PoseEstimate, PoseEstimator, among, most_likely, open_estimator
 from zpm2.pose.focal import focal_from_points
 from zpm2.pose.points import Correspondences, RayPairs, cell_of, region_of, spread, union
 from zpm2.pose.refine import RefinedPose, blocks, refine
@@ -139,13 +139,8 @@ class PoseFinder:
         config, rays = self.config.pose, self._rays(chosen.points, cameras)
 
         def estimate(rows: NDArray[np.intp]) -> PoseEstimate | Failed:
-            some, whole = rays[rows], ~chosen.local[rows]
-            found = most_likely(self.estimator, self.further, some.left, some.right, some.noise, whole, seed, config)
-            if isinstance(found, Failed):
-                return found
-            inliers = np.zeros(len(rays), bool)
-            inliers[rows] = found.inliers
-            return dataclasses.replace(found, inliers=inliers)
+            found = most_likely(self.estimator, self.further, rays[rows], ~chosen.local[rows], seed, config)
+            return among(found, rows, len(rays))
 
         first = estimate(np.arange(len(rays)))
         rejected = np.zeros(0, np.intp)
