@@ -139,6 +139,7 @@ def test_where_few_points_agree_the_most_likely_of_several_poses_counts() -> Non
         found = found_by(estimator, estimator, of, seed, PoseConfig(starts=starts))
         assert not isinstance(found, Failed)
         assert np.array_equal(found.rotation, expected)
+        assert found.starts == starts
         assert sorted(estimator.seeds) == list(range(6, 6 + starts))
 
 

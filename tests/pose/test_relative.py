@@ -123,6 +123,17 @@ def test_more_starts_find_no_pose_of_unrelated_photographs() -> None:
     assert isinstance(found(of, config.assign(config.preset("default"), ["pose.crops=off"])).pose, Failed)
 
 
+@pytest.mark.parametrize(("outliers", "starts"), [(0.3, 1), (0.7, 10)])
+def test_the_pose_says_of_how_many_starts_it_is(outliers: float, starts: int) -> None:
+    of = views(1, n=400, noise=0.2, outliers=outliers)
+    settings = ["pose.crops=off", "pose.bucket=0", "pose.min_region_agreement=0"]
+    result = found(of, config.assign(config.preset("default"), settings))
+    assert angle(pose_of(result).rotation, of.rotation) < 0.5
+    assert pose_of(result).starts == starts
+    assert isinstance(pose := result.to_dict()["pose"], dict)
+    assert pose["starts"] == starts
+
+
 def test_points_of_crops_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """They agree because they were looked for where the matches put them."""
     good, wrong = views(0), views(1, n=60, outliers=1.0)

@@ -1,5 +1,6 @@
 """Robust estimators of a relative pose from homologous rays: OpenCV, and PoseLib where it is installed."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -26,6 +27,7 @@ class PoseEstimate:
     rotation: Array  # (3, 3)
     translation: Array  # (3,) of unit length
     inliers: NDArray[np.bool_]  # (n,) of the points that it was estimated from
+    starts: int = 1  # of which it is the most likely one
 
     @property
     def essential(self) -> Array:
@@ -153,7 +155,8 @@ def most_likely(
     first = estimator.estimate(rays.left, rays.right, rays.noise, seed * config.starts)
     if not isinstance(first, Failed) and first.inliers[rows].sum() >= config.sure_inliers * len(rows):
         return first
-    return min([first, *in_chunks(start, config.starts - 1, 1)], key=unlikeliness)
+    best = min([first, *in_chunks(start, config.starts - 1, 1)], key=unlikeliness)
+    return best if isinstance(best, Failed) else dataclasses.replace(best, starts=config.starts)
 
 
 def among(found: PoseEstimate | Failed, rows: NDArray[np.intp], count: int) -> PoseEstimate | Failed:
@@ -162,7 +165,7 @@ def among(found: PoseEstimate | Failed, rows: NDArray[np.intp], count: int) -> P
         return found
     inliers = np.zeros(count, bool)
     inliers[rows] = found.inliers
-    return PoseEstimate(found.rotation, found.translation, inliers)
+    return dataclasses.replace(found, inliers=inliers)
 
 
 def _too_few(count: int, config: PoseConfig) -> Failed:

@@ -1,5 +1,6 @@
 """The pose that fits the inliers best, and its covariance."""
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -59,7 +60,7 @@ def refine(estimate: PoseEstimate, rays: RayPairs, group: NDArray[np.intp], step
             break
     residual = _residual(rotation, translation, rays)
     covariance = _covariance(residual(np.zeros(5)), _jacobian(residual), group)
-    return RefinedPose(PoseEstimate(rotation, translation, estimate.inliers), covariance)
+    return RefinedPose(dataclasses.replace(estimate, rotation=rotation, translation=translation), covariance)
 
 
 def blocks(points: Array, along: int) -> NDArray[np.intp]:

@@ -49,6 +49,7 @@ class RelativePose:
     covariance: Array | None
     flags: tuple[str, ...] = ()  # what speaks against it, see `FLAG_MEANINGS`
     alternatives: tuple[tuple[Array, Array], ...] = ()  # R, t that explain a planar scene as well
+    starts: int = 1  # of the estimator, of which this is the most likely pose; more than one where few points agree
 
     __repr__ = brief
 
@@ -81,6 +82,7 @@ class RelativePose:
             covariance=refined.covariance,
             flags=degeneracy.flags,
             alternatives=degeneracy.alternatives,
+            starts=refined.estimate.starts,
         )
         if not pose.doubtful:
             return pose
@@ -196,6 +198,7 @@ class PoseResult:
             "covariance_rad2": None if pose.covariance is None else pose.covariance.tolist(),
             "flags": list(pose.flags),
             "alternatives": [{"rotation": r.tolist(), "translation": t.tolist()} for r, t in pose.alternatives],
+            "starts": pose.starts,
         }
 
     def counts(self) -> dict[str, int]:
