@@ -29,7 +29,8 @@ from zpm2 import config
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.segment.sam import SamSegmenter
-from zpm2.segment.sam_backend import TorchBackend, load_sam
+from zpm2.segment.sam_network import load_sam
+from zpm2.segment.sam_torch import TorchBackend
 
 
 class Published(TorchBackend):

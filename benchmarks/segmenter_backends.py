@@ -23,7 +23,9 @@ import numpy as np
 import torch
 
 from zpm2.segment import sam_network
-from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend, load_sam
+from zpm2.segment.sam_network import load_sam
+from zpm2.segment.sam_openvino import OpenVinoBackend
+from zpm2.segment.sam_torch import TorchBackend
 
 PROMPTS = 16
 

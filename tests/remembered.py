@@ -46,7 +46,7 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
     def open_once(config: SegmentConfig, device: str, *more: object) -> sam_backend.SamBackend:
         key = config.model, config.backend, device
         if key not in opened:
-            opened[key] = sam_backend.open_backend(config, device, *more)  # type: ignore[arg-type]
+            opened[key] = sam.open_backend(config, device, *more)  # type: ignore[arg-type]
         return opened[key]
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:

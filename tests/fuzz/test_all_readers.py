@@ -36,7 +36,7 @@ NOT_READ = {  # functions in which these names open what no user's file is, and 
     "features/vismatch_worker.py": "a pipe",
     "files/lock.py": "a file without content",
     "weights/": "downloads and verified files: tests/weights",
-    "segment/sam_backend.py": "networks of a folder that weights.converted has checked",
+    "segment/sam_openvino.py": "networks of a folder that weights.converted has checked",
     "reconstruct/structure.py": "COLMAP's work on photographs that read_image has read: errors by io.colmap.colmap_can",
     "reconstruct/workspace.py: reconstruct": "the same",
     "reconstruct/workspace.py: _depth": "the same",

@@ -10,7 +10,9 @@ import torch
 from kornia.models.sam import Sam
 
 from zpm2.segment import sam_network
-from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend, load_sam
+from zpm2.segment.sam_network import load_sam
+from zpm2.segment.sam_openvino import OpenVinoBackend
+from zpm2.segment.sam_torch import TorchBackend
 
 POINTS = np.array([[100.5, 200.25], [512.0, 300.0], [3.0, 1020.0]])[:, None]
 
@@ -94,7 +96,7 @@ FREED_ELSEWHERE = """
 import signal, threading
 import numpy as np
 from openvino import Model, opset8
-from zpm2.segment.sam_backend import openvino_core
+from zpm2.segment.sam_openvino import openvino_core
 
 x = opset8.parameter([1], np.float32)
 networks = [openvino_core().compile_model(Model([opset8.relu(x)], [x]), "CPU")]

@@ -1,7 +1,5 @@
 """The empty part of SAM's square, told by few of its tokens."""
 
-from collections import OrderedDict
-
 import numpy as np
 import pytest
 import torch
@@ -13,11 +11,10 @@ from rendered import Pair
 from zpm2.config import SegmentConfig, preset
 from zpm2.model import Image
 from zpm2.segment import sam_network
-from zpm2.segment.mask_view import Room
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter
-from zpm2.segment.sam_backend import OpenVinoBackend, TorchBackend
 from zpm2.segment.sam_padding import GRID, STEP, thinned
+from zpm2.segment.sam_torch import TorchBackend
 from zpm2.segment.sam_view import SamView
 
 
@@ -91,43 +88,6 @@ def test_masks_of_a_photograph_stay(pair: Pair) -> None:
     assert np.quantile(overlap, 0.1) >= 0.9
     assert views[1].embedding().shape == views[0].embedding().shape
     assert np.array_equal(views[1].embedding(), views[0].embedding())
-
-
-def test_the_rest_of_prompts_goes_in_smaller_batches() -> None:
-    room, left, sizes = Room(16, [], 4), 41, list[int]()
-    while left > 0:
-        sizes.append(room.next(left))
-        left -= sizes[-1]
-    assert sizes == [16, 16, 4, 4, 4]
-    assert Room(16, [], 4).next(13) == 16
-    assert Room(16, []).next(1) == 16
-
-
-class Network:
-    """A compiled network that answers with zeros."""
-
-    def __call__(self, inputs: list[np.ndarray]) -> list[np.ndarray]:
-        return [np.zeros((len(inputs[-1]), 1))] * 3
-
-    def rest(self) -> None:
-        """As ever."""
-
-
-def test_networks_for_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = list[tuple[int, ...]]()
-    backend = OpenVinoBackend.__new__(OpenVinoBackend)
-    backend.batch, backend.few, backend.prompt_networks = 16, 4, OrderedDict()
-    backend.image_network = Network()
-
-    def compile_one(name: str, shapes: list[tuple[int, ...]]) -> Network:
-        compiled.append((shapes[0][0], shapes[-1][0]))
-        return Network()
-
-    monkeypatch.setattr(backend, "_compile", compile_one)
-    for size, number in ((4096, 16), (4096, 3), (1536, 9), (4096, 16), (2560, 1), (3072, 16), (1536, 16)):
-        assert len(backend.prompt([np.zeros((size, 1), np.float32)], np.zeros((number, 2, 1), np.float32))[0]) == number
-    assert compiled == [(4096, 16), (4096, 4), (1536, 16), (2560, 4), (3072, 16), (1536, 16)]
-    assert list(backend.prompt_networks) == [2560, 3072, 1536]  # 8192 image tokens at most
 
 
 def test_photographs_that_do_not_fit_together_are_encoded_one_by_one_and_that_is_told() -> None:

@@ -5,13 +5,13 @@ import pytest
 import shapely
 from rendered import Pair
 
-from zpm2.config import SegmentConfig
+from zpm2.config import SegmentConfig, preset
 from zpm2.model import Image
 from zpm2.segment.mask_view import decoded_size
 from zpm2.segment.predictions import CORNER, INSIDE, MASK_SIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import EmbeddedView, WritableSegmenter
 from zpm2.segment.sam import SamSegmenter
-from zpm2.segment.sam_backend import OpenVinoBackend
+from zpm2.segment.sam_openvino import OpenVinoBackend
 from zpm2.segment.sam_view import SamView
 
 pytestmark = pytest.mark.weights
@@ -137,21 +137,44 @@ def test_a_view_comes_back_from_its_arrays(view: SamView, points: np.ndarray) ->
 def test_few_networks_stay_and_the_next_ones_answer_alike(
     view: SamView, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Photographs of each shape have mask networks of their own."""
+    """Photographs of each shape have networks of their own."""
     pytest.importorskip("openvino")
     backend = view.backend
     assert isinstance(backend, OpenVinoBackend)
     before = view.predict(Prompts.at(points[:1]), EVERYTHING)
-    monkeypatch.setattr("zpm2.segment.sam_backend.MASK_NETWORKS", 1)
+    monkeypatch.setattr("zpm2.segment.sam_openvino.KEPT", 1)
     for height in (40, 80):  # px
         other = SamView(backend, Image(np.zeros((height, 160, 3), np.uint8)), view.config, encoded=view.parts)
         other.predict(Prompts.at(np.full((1, 2), 20.0)), EVERYTHING)
-    assert len(backend.mask_networks) == 1
+    assert len(backend.networks["mask"]) == 1
     encoded = backend.image(np.zeros((1, 3, 1024, 1024), np.float32))  # which frees the prompt networks' memory
     assert not np.array_equal(encoded[0], view.parts[0])
     after = view.predict(Prompts.at(points[:1]), EVERYTHING)
     assert np.array_equal(before.logits, after.logits)
     assert np.array_equal(before.score, after.score)
+
+
+def test_answers_do_not_depend_on_cores_nor_on_the_other_prompts(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openvino")
+    found = list[list[MaskPredictions]]()
+    for cores in (1, 3):
+        for module in ("zpm2.segment.sam_openvino", "zpm2.cores"):
+            monkeypatch.setattr(f"{module}.usable", lambda cores=cores: cores)
+        view = SamSegmenter(preset("default").segment).view(Image(pair.scene.left))
+        assert isinstance(view.backend, OpenVinoBackend)
+        assert view.vicinity is not None
+        at = np.random.default_rng(0).uniform(5, [view.image.width - 5, view.image.height - 5], (7, 2))
+        for prompts in (Prompts.at(at), boxed(at)):
+            every = view.predict(prompts, EVERYTHING)
+            found.append([every, *(view.predict(prompts[k : k + 1], EVERYTHING) for k in range(len(at)))])
+    for one, other in zip(found[:2], found[2:], strict=True):
+        for each, again in zip(one, other, strict=True):
+            assert np.array_equal(each.logits, again.logits)
+            assert np.array_equal(each.score, again.score)
+        for k, alone in enumerate(one[1:]):
+            of_all = one[0][np.flatnonzero(one[0].prompt == k)]
+            assert np.array_equal(of_all.logits, alone.logits)
+            assert np.array_equal(of_all.score, alone.score)
 
 
 def test_sixteen_bits_give_the_masks_of_single_precision(view: SamView, points: np.ndarray) -> None:

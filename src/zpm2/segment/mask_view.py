@@ -68,13 +68,8 @@ class Room:
     `notes` receive that. Which prompts are made does not depend on it, so results do not.
     """
 
-    def __init__(self, most: int, notes: list[str], few: int = 0) -> None:
-        self.most, self.notes, self.few = most, notes, few
-
-    def next(self, left: int) -> int:
-        """How many of the prompts that are `left` go next. Where batches are filled up (`SamBackend.few`), the last one
-        is asked in smaller ones, if that saves some."""
-        return self.few if self.few and left <= self.most - self.few else self.most
+    def __init__(self, most: int, notes: list[str]) -> None:
+        self.most, self.notes = most, notes
 
     def halve(self, error: RuntimeError) -> None:
         """After an `error`, which is raised again if it is another one. `ConfigError` where one prompt is too much."""
@@ -100,7 +95,7 @@ def predicted(
     `size` is that of a decoded mask."""
     found, start = [MaskPredictions.none(size)], 0
     while start < len(prompts):
-        part = prompts[start : start + room.next(len(prompts) - start)]
+        part = prompts[start : start + room.most]
         try:
             found.append(predict(part, start))
             start += len(part)

@@ -5,19 +5,43 @@ brought to the image's resolution.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
+from zpm2.errors import ConfigError, MissingDependency
 from zpm2.model import Image, Mask
 from zpm2.segment import automatic
 from zpm2.segment.mask_view import LITTLE_MEMORY, NETWORK_LOCK, Room, is_out_of_memory
 from zpm2.segment.protocol import PromptedView
-from zpm2.segment.sam_backend import SamBackend, TorchBackend, open_backend
+from zpm2.segment.sam_backend import WEIGHTS, SamBackend
 from zpm2.segment.sam_input import reduced
+from zpm2.segment.sam_openvino import OpenVinoBackend
+from zpm2.segment.sam_torch import TorchBackend
 from zpm2.segment.sam_view import SamView, encoder_scale
+
+
+def open_backend(
+    config: SegmentConfig, device: str, say: Callable[[str], None], download: weights.Progress | None = None
+) -> SamBackend:
+    """The configured backend ("auto": openvino on a CPU where it is installed, else torch).
+
+    `say` receives a line when networks are converted, which takes half a minute once.
+    """
+    model, backend = config.model, config.backend
+    if backend == "openvino" and device != "cpu":
+        raise ConfigError(f"segment.backend openvino runs on the CPU only, the device is {device}; use --device cpu")
+    installed = find_spec("openvino") is not None
+    if backend == "openvino" and not installed:
+        raise MissingDependency("segment.backend openvino needs openvino: pip install openvino")
+    weights.get(WEIGHTS[model], progress=download)
+    if device == "cpu" and installed and backend != "torch":
+        return OpenVinoBackend(model, config.cpu_batch, say, config.precision)
+    batch = config.cpu_batch if device == "cpu" else config.gpu_batch
+    return TorchBackend(model, batch, device, config.precision)
 
 
 class SamSegmenter:
@@ -90,7 +114,7 @@ class SamSegmenter:
 
     def _room(self, backend: SamBackend) -> Room:
         if self._shared is None:
-            self._shared = Room(backend.batch, self.notes, backend.few)
+            self._shared = Room(backend.batch, self.notes)
         return self._shared
 
     def segment(self, image: Image) -> list[Mask]:

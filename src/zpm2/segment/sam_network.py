@@ -23,12 +23,24 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from zpm2 import weights
+from zpm2.segment.sam_backend import WEIGHTS
+
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
     from kornia.models.sam.architecture.transformer import Attention
 
 GRID = 64  # image tokens along a side
 ENCODER_SIDE = 1024  # px, the square that the image encoder sees
+
+
+def load_sam(model: str) -> "Sam":
+    """kornia's `Sam` of that name with its released weights, in evaluation mode."""
+    from kornia.models.sam import Sam
+
+    sam = Sam.from_name(model)
+    sam.load_state_dict(weights.load_state_dict(WEIGHTS[model]), strict=True)
+    return sam.eval().requires_grad_(False)
 
 
 class ImageNetwork(nn.Module):
@@ -249,7 +261,9 @@ def _attend_tokens(attention: "Attention", image: Tensor, scores: Tensor, values
     """
     b, n, columns = scores.shape
     heads = attention.num_heads
-    weights = scores.reshape(b, n, heads, columns // heads).softmax(-1).reshape(b, n, columns)
     if _on_gpu(image):
+        weights = scores.reshape(b, n, heads, columns // heads).softmax(-1).reshape(b, n, columns)
         return torch.baddbmm(image.expand(b, -1, -1), weights, values + attention.out_proj.bias / heads)
-    return image + (weights @ values + attention.out_proj.bias)
+    # a softmax over a last side of 7 would take a third of the whole network's time
+    weights = scores.transpose(1, 2).reshape(b, heads, columns // heads, n).softmax(2).reshape(b, columns, n)
+    return image + (weights.transpose(1, 2) @ values + attention.out_proj.bias)

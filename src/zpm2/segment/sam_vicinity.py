@@ -17,7 +17,7 @@ from zpm2.segment.sam_padding import GRID, ThinnedTokens, evenly, split
 BLOCK = 4  # tokens along the side of a block; windows consist of whole blocks
 TOKEN_PX = 4  # px of a decoded mask under an image token, along each side
 LEAST_PADDING = 48  # tokens that tell the empty part of the square
-STEP = 128  # tokens in sight are a multiple of it, so that few networks of a fixed size serve photographs of any shape
+STEP = 64  # tokens in sight are a multiple of it, so that few networks of a fixed size serve photographs of any shape
 MARGIN = 2  # tokens, at least, between a prompt's box and a border of its window
 RIM = 1  # tokens: a mask that comes as near to a border of its window is cut off by it
 HIDDEN = -1e4  # logarithm of a count, of a token that is not seen

@@ -39,16 +39,13 @@ class SamView(MaskView):
     ) -> None:
         super().__init__(image, ENCODER_SIDE)
         self.backend, self.config, self.batch = backend, config, backend.batch
-        self.room = room or Room(backend.batch, [], backend.few)
+        self.room = room or Room(backend.batch, [])
         self.scale = encoder_scale(image)
         self.embedding_scale = self.mask_scale / TOKEN_PX
         self.cells = int(-(-self.size[0] // TOKEN_PX)), int(-(-self.size[1] // TOKEN_PX))  # (height, width) tokens
         few = thinned(self.cells, config.padding) if config.padding else None
         vicinity = Vicinity(self.cells, config.vicinity, few) if config.vicinity else None
         self.vicinity = vicinity if vicinity is not None and vicinity.saves else None
-        self.far = self.room  # of prompts that see all tokens: few, where others see what is near
-        if self.vicinity is not None and backend.few:
-            self.far = Room(backend.few, self.room.notes, backend.few)
         self.parts: Opaque = parts
         if parts is not None:
             return
@@ -105,7 +102,7 @@ class SamView(MaskView):
             rows, iou, logits = answer
             return self._settled(start + rows, iou, logits, thresholds)
 
-        return predicted(prompts, self.far, predict, self.size)
+        return predicted(prompts, self.room, predict, self.size)
 
     def _predict_near(
         self,

@@ -1,0 +1,249 @@
+"""SAM's three networks in OpenVINO, faster than torch on a CPU.
+
+The graphs are converted once from the torch networks and kept beside the weights, in a folder whose name holds
+everything that they depend on: the weights' hash, this file's `VERSION`, and the versions of openvino and torch.
+
+Every core answers prompts by itself: what few prompts need stays in its cache, and no core waits for another one. So
+what a prompt is answered does not depend on how many cores there are.
+"""
+
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zpm2 import weights
+from zpm2.cores import in_chunks, usable
+from zpm2.runtime import mark_networks_loaded
+from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, rows_of
+from zpm2.segment.sam_padding import ThinnedTokens
+from zpm2.segment.sam_vicinity import NearTokens
+from zpm2.segment.stacks import Stack
+
+if TYPE_CHECKING:
+    from openvino import CompiledModel, Core, InferRequest
+
+Say = Callable[[str], None]
+Shapes = tuple[tuple[int, ...], ...]
+
+VERSION = 6  # of the cut into networks; raise it when sam_network.py changes what they compute
+NETWORKS = ("image", "prompt", "near", "mask")
+PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as OpenVINO calls them
+# prompts at a time on one core, that see all tokens and that see what is near: those that take the least time each
+FAR_BATCH, NEAR_BATCH = 1, 2
+TOKEN_AXES = (0, 2, 1, 0, 0)  # of the parts that `sam_network.ImageNetwork` returns
+KEPT = 6  # networks of a graph that stay compiled; one takes 15 MB, and 0.1 s to compile
+
+
+@cache
+def openvino_core() -> "Core":
+    """OpenVINO's one core of this process, which is never freed.
+
+    Its CPU plug-in gives the thread that opens it a stack for signal handlers, and unmaps that stack when the core is
+    freed, also where another thread frees it. The next signal, Ctrl-C say, would then end the process with a
+    segmentation fault.
+    """
+    import openvino
+
+    return openvino.Core()
+
+
+class _Network:
+    """A compiled network, and the memory that it works in: a request for each thread that runs it."""
+
+    def __init__(self, compiled: "CompiledModel") -> None:
+        self.compiled = compiled
+        self._idle: list[InferRequest] = []
+
+    @contextmanager
+    def request(self) -> "Iterator[InferRequest]":
+        """What one thread runs. The outputs lie in its memory, until it runs again or rests."""
+        try:
+            request = self._idle.pop()
+        except IndexError:
+            request = self.compiled.create_infer_request()
+        try:
+            yield request
+        finally:
+            self._idle.append(request)
+
+    def rest(self) -> None:
+        """Frees the memory that it works in, some 250 MB of an image network."""
+        self._idle.clear()
+        self.compiled.release_memory()
+
+
+class OpenVinoBackend:
+    """The networks converted to OpenVINO, on the CPU."""
+
+    name = "openvino"
+
+    def __init__(self, model: str, batch: int, say: Say, precision: str = "float32") -> None:
+        import openvino
+
+        from zpm2.segment.sam_network import PromptEmbedding
+
+        self.batch, self.precision = batch, PRECISIONS[precision]
+        folder = _converted(model, openvino.__version__, say)
+        mark_networks_loaded()
+        with np.load(folder / "embedding.npz") as arrays:
+            self.embed = PromptEmbedding(**arrays)
+        self.core = openvino_core()
+        self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
+        self._tokens: Array = np.empty(0, np.float32)
+        # of each graph, by the shapes that it takes, the latest used last
+        self.networks: dict[str, OrderedDict[Shapes, _Network]] = {name: OrderedDict() for name in NETWORKS}
+
+    def _network(self, name: str, *shapes: tuple[int, ...]) -> _Network:
+        """The graph, compiled for these shapes."""
+        kept = self.networks[name]
+        if shapes not in kept:
+            # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
+            options: dict[str, object] = {"INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision}
+            if name == "image":
+                options["PERFORMANCE_HINT"] = "LATENCY"
+            else:
+                options |= {"NUM_STREAMS": usable(), "INFERENCE_NUM_THREADS": usable()}
+            graph = self.graphs[name].clone()
+            graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
+            kept[shapes] = _Network(self.core.compile_model(graph, "CPU", options))
+            while len(kept) > KEPT:
+                kept.popitem(last=False)
+        kept.move_to_end(shapes)
+        return kept[shapes]
+
+    def _rest(self, *names: str) -> None:
+        for name in names:
+            for network in self.networks[name].values():
+                network.rest()
+
+    def image(self, pixels: Array) -> list[Array]:
+        self._rest("prompt", "near", "mask")
+        network = self._network("image", pixels.shape)
+        with network.request() as request:
+            return [part.copy() for part in request.infer([pixels], share_inputs=True, share_outputs=True).values()]
+
+    def thinned(self, parts: list[Array], tokens: ThinnedTokens) -> list[Array]:
+        return [*(np.ascontiguousarray(part) for part in rows_of(parts[:-1], tokens.rows)), tokens.log_count]
+
+    def tokens(self, parts: list[Array]) -> Array:
+        return np.asarray(parts[0])
+
+    def prompt(self, parts: list[Array], sparse: Array, near: NearTokens | None = None) -> tuple[Array, Array, Array]:
+        """The image tokens lie in the backend's own memory, until it is asked again."""
+        self._rest("image")
+        seen, channels = len(parts[0]) if near is None else near.rows.shape[1], parts[0].shape[1]
+        if self._tokens.size < len(sparse) * seen * channels:
+            self._tokens = np.empty(len(sparse) * seen * channels, np.float32)
+        tokens = self._tokens[: len(sparse) * seen * channels].reshape(len(sparse), seen, channels)
+        iou, hyper = np.empty((len(sparse), 4), np.float32), np.empty((len(sparse), 4, 32), np.float32)
+        batch = FAR_BATCH if near is None else NEAR_BATCH
+        shapes = [part.shape for part in parts] if near is None else _shapes_near(parts, batch, seen)
+        network = self._network("prompt" if near is None else "near", *shapes, (batch, *sparse.shape[1:]))
+
+        def answer(part: slice) -> None:
+            rows = np.minimum(np.arange(part.start, part.start + batch), part.stop - 1)  # the last one fills it up
+            with network.request() as request:
+                if near is None:
+                    inputs = [*parts, sparse[rows]]
+                else:
+                    inputs = None
+                    _gather(parts, near[rows], sparse[rows], [tensor.data for tensor in request.input_tensors])
+                found = request.infer(inputs, share_inputs=True, share_outputs=True)
+                for every, some in zip((iou, hyper, tokens), found.values(), strict=True):
+                    every[part] = some[: part.stop - part.start]
+
+        in_chunks(answer, len(sparse), batch)
+        return iou, hyper, tokens
+
+    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
+        """One prompt at a time: as fast as together, and the image tokens (4 MB each) are not copied."""
+        assert isinstance(hyper, np.ndarray)
+        logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
+        network = self._network("mask", of_photograph(tokens[:1], size).shape, hyper[:1].shape)
+
+        def decode(part: slice) -> None:
+            with network.request() as request:
+                for k in range(part.start, part.stop):
+                    seen = np.ascontiguousarray(of_photograph(tokens[rows[k] : rows[k] + 1], size))
+                    found = request.infer([seen, hyper[k : k + 1]], share_inputs=True, share_outputs=True)
+                    logits[k] = found[0][0, :, : size[0], : size[1]]
+
+        in_chunks(decode, len(rows), 1)
+        return logits
+
+
+def _shapes_near(parts: list[Array], batch: int, seen: int) -> list[tuple[int, ...]]:
+    """Of the parts and the counts, where each prompt sees so many image tokens."""
+    shapes = [
+        (batch, *part.shape[:axis], seen, *part.shape[axis + 1 :])
+        for part, axis in zip(parts[:-1], TOKEN_AXES, strict=True)
+    ]
+    return [*shapes, (batch, seen)]
+
+
+def _gather(parts: list[Array], near: NearTokens, sparse: Array, inputs: list[Array]) -> None:
+    """Writes what each of a few prompts sees into the inputs of a network."""
+    for part, axis, every in zip(parts[:-1], TOKEN_AXES, inputs[:-2], strict=True):
+        for rows, into in zip(near.rows, every, strict=True):
+            np.take(part, rows, axis, into, "clip")
+    inputs[-2][:], inputs[-1][:] = near.log_count, sparse
+
+
+def _converted(model: str, openvino_version: str, say: Say) -> Path:
+    """The folder with the converted networks, which are converted now if they are not there yet."""
+    from importlib.metadata import version
+
+    name = WEIGHTS[model]
+    key = f"openvino-{VERSION}-{weights.entry(name).sha256[:12]}-{openvino_version.split('-')[0]}-{version('torch')}"
+
+    def convert(folder: Path) -> None:
+        say(f"converting {name} to OpenVINO, once")
+        _convert(model, folder)
+
+    return weights.converted(name, key, convert)
+
+
+def _convert(model: str, folder: Path) -> None:
+    import openvino
+    import torch
+
+    from zpm2.segment import sam_network
+
+    sam = sam_network.load_sam(model)
+    with torch.inference_mode(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Converting a tensor")  # kornia's shape checks, constant for our one size
+        image, prompt, mask = (
+            sam_network.ImageNetwork(sam),
+            sam_network.PromptNetwork(sam),
+            sam_network.MaskNetwork(sam),
+        )
+        pixels = torch.zeros(1, 3, sam_network.ENCODER_SIDE, sam_network.ENCODER_SIDE)
+        parts = image.eval()(pixels)
+        sparse = torch.zeros(2, 2, 256)
+        near = tuple(torch.stack([part, part]) for part in parts)
+        _, hyper, tokens = prompt.eval()(*parts, sparse)
+        graphs = (
+            openvino.convert_model(image, example_input=(pixels,)),
+            openvino.convert_model(prompt, example_input=(*parts, sparse)),
+            openvino.convert_model(prompt, example_input=(*near, sparse)),
+            openvino.convert_model(mask.eval(), example_input=(of_photograph(tokens, (8, 12)), hyper)),
+        )
+    for name, graph in zip(NETWORKS, graphs, strict=True):
+        try:
+            openvino.save_model(graph, folder / f"{name}.xml", compress_to_fp16=False)
+        except RuntimeError as error:  # of a full disk
+            raise OSError(" ".join(str(error).split())) from error
+    embedding = sam_network.PromptEmbedding.of(sam)
+    np.savez(
+        folder / "embedding.npz",
+        frequencies=embedding.frequencies,
+        labels=embedding.labels,
+        padding=embedding.padding,
+    )
