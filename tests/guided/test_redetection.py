@@ -266,6 +266,23 @@ def test_a_region_that_one_point_does_not_find_is_asked_for_with_several():
     assert counts == {1: 16, 3: 32}
 
 
+@pytest.mark.parametrize(("quality", "share"), [("fast", 1 / 8), ("balanced", 1 / 4)])
+def test_each_image_has_its_own_number_of_prompts_at_blobs(quality, share):
+    views, initial = scene()
+    for view in views:  # dots everywhere, and no region
+        view.regions.clear()
+        view.image.rgb[6::12, 6::12] = 255
+    few = [f"segment.prompts.{quality}_blobs={share}", f"segment.prompts.{quality}_uncovered=0"]
+    for left, right in ((0.5, 2), (1, 1), (2, 100)):
+        factors = [f"guided.left_blobs={left}", f"guided.right_blobs={right}"]
+        settings = config.assign(CONFIG, [*few, *factors, f"segment.quality={quality}", "segment.prompts.first=0"])
+        for view in views:
+            view.asked.clear()
+        redetection.detect(views, initial, settings)
+        blobs = [min(256, times * share * 256) for times in (left, right)]
+        assert [len(view.asked) - 2 for view in views] == blobs  # one prompt of each other kind
+
+
 def test_progress_runs_through_both_images():
     views, initial = scene()
     shares: list[float] = []

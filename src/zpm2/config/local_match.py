@@ -7,6 +7,8 @@ from zpm2.config.fields import number, option, share
 
 FITTED = "fitted to real pairs with dense ground truth, docs/confidence.md"
 
+BLOBS = "measured, docs/performance.md"
+
 
 @dataclass(frozen=True)
 class HomographyConfig:
@@ -300,6 +302,15 @@ class GuidedConfig:
 
     direction: Literal["off", "forward", "both"] = option(
         "off", "forward: left polygons in the right image only", source="beyond the paper, docs/method.md"
+    )
+    left_blobs: float = number(
+        0.75,
+        "times as many prompts at blobs in the left image as `segment.prompts` says",
+        high=100,
+        source=BLOBS,
+    )
+    right_blobs: float = number(
+        2.0, "the same in the right image, whose known regions keep prompts away", high=100, source=BLOBS
     )
     min_visible: float = share(
         0.25,

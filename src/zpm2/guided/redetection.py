@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from zpm2.config import Config, VectorizeConfig
+from zpm2.config import Config, SegmentConfig, VectorizeConfig
 from zpm2.errors import Failed
 from zpm2.global_match import InitialGeometry
 from zpm2.guided.prior import GuidedPrior
@@ -85,8 +85,9 @@ class AcceptedMasks:
 
 
 def everything(view: PromptedView, config: Config, progress: Callable[[float], None] = lambda _: None) -> ViewRegions:
-    """Segments everything in an image, alone."""
-    found = automatic.automatic_masks(view, config.segment, loose_thresholds(config), progress=progress)
+    """Segments everything in a left image, alone."""
+    segment = _with_blobs(config.segment, config.guided.left_blobs)
+    found = automatic.automatic_masks(view, segment, loose_thresholds(config), progress=progress)
     return view_regions(view, found, config, 0)
 
 
@@ -104,8 +105,16 @@ def detect(
         left = everything(views[0], config, lambda share: progress(share / 2))
     accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
     known = automatic.without_duplicates(accepted.predictions, accepted.overlap, segment, views[1])
+    segment = _with_blobs(segment, config.guided.right_blobs)
     found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))
     return PromptedPair(left, view_regions(views[1], found, config, len(known)))
+
+
+def _with_blobs(segment: SegmentConfig, times: float) -> SegmentConfig:
+    """With so many times the prompts at blobs."""
+    prompts = segment.prompts
+    fast, balanced = (min(1.0, times * share) for share in (prompts.fast_blobs, prompts.balanced_blobs))
+    return dataclasses.replace(segment, prompts=dataclasses.replace(prompts, fast_blobs=fast, balanced_blobs=balanced))
 
 
 def redetect(
