@@ -17,6 +17,8 @@ from rendered import Run
 from zpm2 import MatchResult
 from zpm2.errors import ConfigError, InputError
 from zpm2.export import stac
+from zpm2.formats import registry
+from zpm2.formats.regions import yolo
 from zpm2.model import Georeference, ImagePolygons, PointMatches, Polygon, PolygonMatch
 
 pytest.importorskip("rasterio", reason="extra geo is not installed")
@@ -59,6 +61,16 @@ def made(out: Path) -> dict[str, Any]:
         assert item.get_assets()["matches.json"].media_type == pystac.MediaType.JSON
         assert Path(item.get_assets()["left"].get_absolute_href() or "").is_file()
     return document
+
+
+def test_the_files_of_every_format_are_known() -> None:
+    """But those that only stand beside another one: of a GeoPackage or a shapefile, and the names of YOLO's classes."""
+    names = ("coco", "geojson", "geoparquet", "gpkg", "cvat", "labelme", "yolo", "shapefile")
+    files = {file for each in registry.known() if each.name in names for file in each.files}
+    kinds = (".json", ".geojson", ".parquet", ".gpkg", ".xml", ".txt", ".shp")
+    main = {file for file in files if Path(file).suffix in kinds}
+    assert len(main) == 17
+    assert main - {yolo.NAMES} <= set(stac.FILES)
 
 
 def test_where_when_and_which_files(tmp_path: Path, run: Run) -> None:
