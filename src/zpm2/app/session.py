@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from time import perf_counter
 
@@ -160,12 +160,8 @@ class Session:
 
 
 def made(config: Config, say: Callable[[str], None]) -> Session:
-    """A session without photographs. `say` is told what takes long.
-
-    A person asks one thing at a time, and networks on a CPU fill up their batches: with `segment.cpu_batch` 1 an answer
-    takes a sixth of the time.
-    """
-    told, config = Told(), replace(config, segment=replace(config.segment, cpu_batch=1))
+    """A session without photographs. `say` is told what takes long."""
+    told = Told()
     return Session(config, PairMatcher(config, progress=told, say=say), told)
 
 
