@@ -41,12 +41,12 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
     `memory` is that of an earlier use."""
     memory = memory or Memory()
     opened, views, found = memory.opened, memory.views, memory.found
-    predict, predict_small = SamView.predict, SamView.predict_small
+    predict, predict_small, open_backend = SamView.predict, SamView.predict_small, sam.open_backend
 
     def open_once(config: SegmentConfig, device: str, *more: object) -> sam_backend.SamBackend:
         key = config.model, config.backend, device
         if key not in opened:
-            opened[key] = sam.open_backend(config, device, *more)  # type: ignore[arg-type]
+            opened[key] = open_backend(config, device, *more)  # type: ignore[arg-type]
         return opened[key]
 
     def view_once(segmenter: SamSegmenter, image: Image) -> SamView:
