@@ -76,6 +76,7 @@ class Browser:
     def open(self, page: Path, fragment: str = "") -> None:
         """Opens a page, and waits until it says that it is ready."""
         self.call("Page.navigate", url="about:blank")
+        self.wait("location.href === 'about:blank'")  # or the page that was there may still say that it is ready
         self.visit(page.as_uri() + fragment)
 
     def visit(self, address: str) -> None:
