@@ -1,5 +1,7 @@
 """The empty part of SAM's square, told by few of its tokens."""
 
+from collections import OrderedDict
+
 import numpy as np
 import pytest
 import torch
@@ -13,6 +15,7 @@ from zpm2.model import Image
 from zpm2.segment import sam_network
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter
+from zpm2.segment.sam_openvino import OpenVinoBackend
 from zpm2.segment.sam_padding import GRID, STEP, thinned
 from zpm2.segment.sam_torch import TorchBackend
 from zpm2.segment.sam_view import SamView
@@ -88,6 +91,35 @@ def test_masks_of_a_photograph_stay(pair: Pair) -> None:
     assert np.quantile(overlap, 0.1) >= 0.9
     assert views[1].embedding().shape == views[0].embedding().shape
     assert np.array_equal(views[1].embedding(), views[0].embedding())
+
+
+class Graph:
+    """A network with one input, compiled for any shape."""
+
+    inputs = (0,)
+
+    def clone(self) -> "Graph":
+        return self
+
+    def reshape(self, shapes: dict[int, tuple[int, ...]]) -> None:
+        self.shape = shapes[0]
+
+
+def test_networks_for_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = list[tuple[int, ...]]()
+
+    class Core:
+        def compile_model(self, graph: Graph, *_: object) -> None:
+            compiled.append(graph.shape)
+
+    monkeypatch.setattr("zpm2.segment.sam_openvino.KEPT", 3)
+    backend = OpenVinoBackend.__new__(OpenVinoBackend)
+    backend.precision, backend.core = "f32", Core()  # type: ignore[assignment]
+    backend.graphs, backend.networks = {"prompt": Graph()}, {"prompt": OrderedDict()}
+    for size in (4096, 4096, 1536, 4096, 2560, 3072, 1536):
+        backend._network("prompt", (size,))
+    assert compiled == [(4096,), (1536,), (2560,), (3072,), (1536,)]
+    assert list(backend.networks["prompt"]) == [((2560,),), ((3072,),), ((1536,),)]
 
 
 def test_photographs_that_do_not_fit_together_are_encoded_one_by_one_and_that_is_told() -> None:

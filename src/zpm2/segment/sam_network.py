@@ -25,13 +25,12 @@ from torch import Tensor, nn
 
 from zpm2 import weights
 from zpm2.segment.sam_backend import WEIGHTS
+from zpm2.segment.sam_input import ENCODER_SIDE
+from zpm2.segment.sam_padding import GRID
 
 if TYPE_CHECKING:
     from kornia.models.sam import Sam
     from kornia.models.sam.architecture.transformer import Attention
-
-GRID = 64  # image tokens along a side
-ENCODER_SIDE = 1024  # px, the square that the image encoder sees
 
 
 def load_sam(model: str) -> "Sam":
@@ -264,6 +263,6 @@ def _attend_tokens(attention: "Attention", image: Tensor, scores: Tensor, values
     if _on_gpu(image):
         weights = scores.reshape(b, n, heads, columns // heads).softmax(-1).reshape(b, n, columns)
         return torch.baddbmm(image.expand(b, -1, -1), weights, values + attention.out_proj.bias / heads)
-    # a softmax over a last side of 7 would take a third of the whole network's time
+    # a softmax over a last side of 7 would take up to a third of the whole network's time
     weights = scores.transpose(1, 2).reshape(b, heads, columns // heads, n).softmax(2).reshape(b, columns, n)
     return image + (weights.transpose(1, 2) @ values + attention.out_proj.bias)

@@ -22,6 +22,7 @@ from zpm2 import weights
 from zpm2.cores import in_chunks, usable
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, rows_of
+from zpm2.segment.sam_input import ENCODER_SIDE
 from zpm2.segment.sam_padding import ThinnedTokens
 from zpm2.segment.sam_vicinity import NearTokens
 from zpm2.segment.stacks import Stack
@@ -76,8 +77,9 @@ class _Network:
 
     def rest(self) -> None:
         """Frees the memory that it works in, some 250 MB of an image network."""
-        self._idle.clear()
-        self.compiled.release_memory()
+        if self._idle:
+            self._idle.clear()
+            self.compiled.release_memory()
 
 
 class OpenVinoBackend:
@@ -226,7 +228,7 @@ def _convert(model: str, folder: Path) -> None:
             sam_network.PromptNetwork(sam),
             sam_network.MaskNetwork(sam),
         )
-        pixels = torch.zeros(1, 3, sam_network.ENCODER_SIDE, sam_network.ENCODER_SIDE)
+        pixels = torch.zeros(1, 3, ENCODER_SIDE, ENCODER_SIDE)
         parts = image.eval()(pixels)
         sparse = torch.zeros(2, 2, 256)
         near = tuple(torch.stack([part, part]) for part in parts)
