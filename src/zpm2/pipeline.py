@@ -4,6 +4,7 @@ Points come before regions, because guided re-detection warps the regions of one
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 from zpm2 import config as configuration
@@ -14,7 +15,7 @@ from zpm2.global_match import InitialGeometry, locate, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
-from zpm2.local_match import KnownOverlaps, MatchProblem, match_polygons
+from zpm2.local_match import MatchProblem, match_polygons
 from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import Image, ImagePolygons, Polygon, PolygonArrays, PolygonMatch
 from zpm2.model.messages import split
@@ -114,7 +115,7 @@ class PairMatcher:
         with timer("detect"):
             found = self._regions.detect(images, initial, kept)
         with timer("global"):
-            problem = self._locate(found, initial, {})
+            problem = self._locate(found, initial)
         with timer("local"):
             again = found.prompted is not None and config.guided.direction == "both"
             matches: Sequence[PolygonMatch] = match_polygons(problem, config.local_match, nodes=not again)
@@ -181,7 +182,8 @@ class PairMatcher:
 
     def _match(self, found: PairRegions, before: MatchProblem) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
-        problem = self._locate(found, before.initial, before.known)
+        problem = self._locate(found, before.initial)
+        problem = replace(problem, known=before.known, verified=before.verified)
         return problem, match_polygons(problem, self.config.local_match)
 
     def _judged(self, problem: MatchProblem, matches: Sequence[PolygonMatch]) -> tuple[list[PolygonMatch], list[str]]:
@@ -190,12 +192,12 @@ class PairMatcher:
         own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
         return judged(verified(problem, matches, matches, config), config, own)
 
-    def _locate(self, found: PairRegions, initial: InitialGeometry, known: KnownOverlaps) -> MatchProblem:
+    def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
         """The left polygons, located in the right image, and their candidates."""
         config, polygons = self.config.global_match, found.polygons
         locations = locate(*found.images, polygons[0].centers, initial, config)
         candidates = search_candidates(*polygons, locations, config)
-        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior, known)
+        return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior)
 
     def _with_reasons(self, sides: Sides, matches: Sequence[PolygonMatch], initial: InitialGeometry) -> Sides:
         """Both sides, with the reason why a polygon has no partner."""

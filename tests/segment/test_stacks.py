@@ -96,11 +96,14 @@ def test_overlaps_and_suppression(seed: int, n: int, threshold: float) -> None:
         for target in (targets, torch.from_numpy(targets)):
             assert list(stacks.shared(found.inside, target, of)) == common
             assert np.array_equal(stacks.to_host(stacks.limited(target, rows, to)), limited)
-    packed = suppression.pack(one.bits)
-    reference = suppression.suppress(packed, one.extent.box, one.extent.area, one.score, threshold)
-    for found in (one, other):
-        kept = suppression.suppress_stack(found.logits, found.extent, found.score, threshold)
-        assert np.array_equal(kept, reference)
+    assert not len(suppression.suppress_stack(one.logits, one.extent, one.score, threshold, np.arange(0)))
+    for some in (np.arange(len(one)), np.arange(1, len(one), 2)):
+        part = one[some]
+        packed = suppression.pack(part.bits)
+        reference = suppression.suppress(packed, part.extent.box, part.extent.area, part.score, threshold)
+        for found in (one, other):
+            kept = suppression.suppress_stack(found.logits, found.extent, found.score, threshold, some)
+            assert np.array_equal(kept, some[reference])
     joined = MaskPredictions.join([one, other, MaskPredictions.none(SIZE)])
     assert np.array_equal(joined.bits, np.concatenate([one.bits, one.bits]))
 

@@ -205,7 +205,7 @@ class _Known:
         shown = cover.any((1, 2))
         rows, cover = rows[shown], cover[shown]
         n = len(rows)
-        logits = np.where(cover, LOGIT, -LOGIT).astype(np.float16)
+        logits = np.where(cover, np.float16(LOGIT), np.float16(-LOGIT))
         masks = MaskPredictions(np.full(n, KNOWN), np.ones(n, np.float32), np.ones(n, np.float32), logits)
         polygons = [_shifted(regions.polygons[row], k, -np.array(box[:2])) for k, row in enumerate(rows)]
         flags = regions.confident[rows], regions.guided[rows], regions.closer[rows]

@@ -10,6 +10,7 @@ from zpm2.model import Image, PolygonArrays
 from zpm2.polygons.once import Known
 
 KnownOverlaps = Known[tuple[shapely.Geometry, float, float, float]]
+KnownEvidence = Known[tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,5 +23,7 @@ class MatchProblem:
     locations: PyramidLocations  # of the left polygons in the right image
     candidates: Candidates
     guided_prior: GuidedPrior | None = None  # where guided re-detection found the polygons
-    # How pairs overlap: of problems that share it, images, points and configuration must be the same
+    # How pairs overlap, and what `verify` compared: images, points and configuration of problems that share it must be
+    # the same
     known: KnownOverlaps = field(default_factory=dict)
+    verified: KnownEvidence = field(default_factory=dict)

@@ -181,10 +181,7 @@ def without_duplicates(
     usable = (pixels >= config.min_decoded_area * config.min_area) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
     rows = np.flatnonzero(usable)
-    if len(rows) == 0:
-        return predictions[rows]
-    chosen = predictions[rows] if len(rows) < len(predictions) else predictions
-    return chosen[suppression.suppress_stack(chosen.logits, chosen.extent, rank[rows], config.nms_iou)]
+    return predictions[suppression.suppress_stack(predictions.logits, predictions.extent, rank, config.nms_iou, rows)]
 
 
 def _finest_around(predictions: MaskPredictions, row: NDArray[np.int64], column: NDArray[np.int64]) -> Rows:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import FamilyConfig, SegmentConfig
+from zpm2.cores import in_chunks
 from zpm2.segment import automatic
 from zpm2.segment.blobs import has_data
 from zpm2.segment.predictions import (
@@ -26,6 +27,7 @@ from zpm2.segment.protocol import PromptedView
 from zpm2.segment.stacks import boxes
 
 FINE = 2  # px of the correlated photograph per px of a decoded mask
+SEEDS = 4  # regions that are correlated at a time: no more, as one of them may be in another one's family
 
 
 def with_families(
@@ -96,50 +98,55 @@ def _repetitions(
     area, box = bits.sum((1, 2)), boxes(bits)
     taken = np.zeros(len(bits), bool)  # members of a family that another one has found
     seeds, shifts = [], []
-    budget, tried = config.max_prompts, 0
-    for seed in range(len(bits)):
-        size = box[seed, 2:] - box[seed, :2]
-        if taken[seed] or size.min() < config.min_side or size.max() > config.max_side * max(view.size):
-            continue
-        if tried == config.max_seeds or budget <= 0:
-            break
-        tried += 1
-        at = _peaks(lab, box[seed], config)
-        column, row = np.clip(at + box[seed, :2] + size // 2, 0, [width - 1, height - 1]).T
-        at = at[where[row, column]]
-        if len(at) < config.min_members - 1:
-            continue
-        free = []
-        for shift in at:
-            element = _moved(bits[seed], shift)
-            if 2 * np.count_nonzero(element) < area[seed]:  # mostly outside of the view
+    budget, tries = config.max_prompts, config.max_seeds
+    sides = box[:, 2:] - box[:, :2]
+    rows = np.flatnonzero((sides.min(1) >= config.min_side) & (sides.max(1) <= config.max_side * max(view.size)))
+    while len(rows := rows[~taken[rows]]) and tries > 0 and budget > 0:
+        some, rows = np.split(rows, [min(SEEDS, tries)])
+        for seed, at in zip(some, _peaks(lab, box[some], config), strict=True):
+            if taken[seed] or budget <= 0:
                 continue
-            same = _same(bits, area, element, config.known_overlap)
-            taken[same] = True
-            x0, y0, x1, y1 = np.maximum(box[seed] + np.tile(shift, 2), 0)
-            free += [] if len(same) or not holding[y0:y1, x0:x1].any() else [shift]
-        seeds += [seed] * len(free[:budget])
-        shifts += free[:budget]
-        budget -= len(free)
+            tries -= 1
+            column, row = np.clip(at + box[seed, :2] + sides[seed] // 2, 0, [width - 1, height - 1]).T
+            at = at[where[row, column]]
+            if len(at) < config.min_members - 1:
+                continue
+            free = []
+            for shift in at:
+                element = _moved(bits[seed], shift)
+                if 2 * np.count_nonzero(element) < area[seed]:  # mostly outside of the view
+                    continue
+                same = _same(bits, area, element, config.known_overlap)
+                taken[same] = True
+                x0, y0, x1, y1 = np.maximum(box[seed] + np.tile(shift, 2), 0)
+                free += [] if len(same) or not holding[y0:y1, x0:x1].any() else [shift]
+            seeds += [seed] * len(free[:budget])
+            shifts += free[:budget]
+            budget -= len(free)
     return _Places(np.array(seeds, np.int64), np.array(shifts, np.int64).reshape(-1, 2))
 
 
-def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig) -> NDArray[np.int64]:
-    """(n, 2) x, y px of a decoded mask: how far the photograph in a box, with a margin, is found elsewhere, nearest
-    first."""
-    margin = round(config.margin * FINE * int((box[2:] - box[:2]).min()))
-    low = np.maximum(FINE * box[:2] - margin, 0)
-    high = np.minimum(FINE * box[2:] + margin, lab.shape[1::-1])
-    template = lab[low[1] : high[1], low[0] : high[0]]
-    correlation = np.nan_to_num(cv2.matchTemplate(lab, template, cv2.TM_CCOEFF_NORMED), posinf=0.0, neginf=0.0)
-    correlation = np.rint(correlation * 1000)  # whole numbers; OpenCV's last bits depend on where arrays lie in memory
-    window = np.ones((template.shape[0] | 1, template.shape[1] | 1), np.uint8)
-    peak = (correlation == cv2.dilate(correlation, window)) & (correlation >= 1000 * config.min_correlation)
-    row, column = np.nonzero(peak)
-    shift = np.rint((np.c_[column, row] - low) / FINE).astype(np.int64)
-    distance = (shift**2).sum(1)
-    order = np.argsort(distance, kind="stable")
-    return shift[order[distance[order] > 0]]
+def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig) -> list[NDArray[np.int64]]:
+    """For each box (n, 4), px of a decoded mask: how far (m, 2), x, y, the photograph in it, with a margin, is found
+    elsewhere, nearest first."""
+
+    def found(one: slice) -> NDArray[np.int64]:
+        (corners,) = box[one]
+        margin = round(config.margin * FINE * int((corners[2:] - corners[:2]).min()))
+        low = np.maximum(FINE * corners[:2] - margin, 0)
+        high = np.minimum(FINE * corners[2:] + margin, lab.shape[1::-1])
+        template = lab[low[1] : high[1], low[0] : high[0]]
+        correlation = np.nan_to_num(cv2.matchTemplate(lab, template, cv2.TM_CCOEFF_NORMED), posinf=0.0, neginf=0.0)
+        correlation = np.rint(correlation * 1000)  # OpenCV's last bits depend on where arrays lie in memory
+        window = np.ones((template.shape[0] | 1, template.shape[1] | 1), np.uint8)
+        peak = (correlation == cv2.dilate(correlation, window)) & (correlation >= 1000 * config.min_correlation)
+        row, column = np.nonzero(peak)
+        shift = np.rint((np.c_[column, row] - low) / FINE).astype(np.int64)
+        distance = (shift**2).sum(1)
+        order = np.argsort(distance, kind="stable")
+        return np.asarray(shift[order[distance[order] > 0]])
+
+    return in_chunks(found, len(box), 1)
 
 
 def _moved(bits: NDArray[np.bool_], shift: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -55,7 +55,10 @@ class MaskPredictions:
         return len(self.prompt)
 
     def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "MaskPredictions":
-        rows = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        if rows.dtype == np.bool_:
+            if rows.all():
+                return self
+            rows = np.flatnonzero(rows)
         measured = None if self.measured is None else self.measured[rows]
         logits = stacks.take(self.logits, np.asarray(rows, np.intp))
         return MaskPredictions(self.prompt[rows], self.score[rows], self.stability[rows], logits, measured)

@@ -40,6 +40,7 @@ PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as Open
 FAR_BATCH, NEAR_BATCH = 1, 2
 MOST_CORES = 8  # that answer at a time: as many as 16 prompts have parts; each takes 7 to 14 MB for a network
 TOKEN_AXES = (0, 2, 1, 0, 0)  # of the parts that `sam_network.ImageNetwork` returns
+ANY = -1  # image tokens that one network takes, where all are seen: a photograph's shape says how many
 KEPT = 6  # networks of a graph that stay compiled; one takes some 60 MB, and 0.1 s to compile
 
 
@@ -100,7 +101,7 @@ class OpenVinoBackend:
         self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         self._tokens: Array = np.empty(0, np.float32)
-        # of each graph, by the shapes that it takes, the latest used last
+        # of each graph, by the shapes that it takes (-1: any), the latest used last
         self.networks: dict[str, OrderedDict[Shapes, _Network]] = {name: OrderedDict() for name in NETWORKS}
 
     def _network(self, name: str, *shapes: tuple[int, ...]) -> _Network:
@@ -148,7 +149,7 @@ class OpenVinoBackend:
         tokens = self._tokens[: len(sparse) * seen * channels].reshape(len(sparse), seen, channels)
         iou, hyper = np.empty((len(sparse), 4), np.float32), np.empty((len(sparse), 4, 32), np.float32)
         batch = FAR_BATCH if near is None else NEAR_BATCH
-        shapes = [part.shape for part in parts] if near is None else _shapes_near(parts, batch, seen)
+        shapes = _shapes(parts, ANY) if near is None else [(batch, *shape) for shape in _shapes(parts, seen)]
         network = self._network("prompt" if near is None else "near", *shapes, (batch, *sparse.shape[1:]))
 
         def answer(part: slice) -> None:
@@ -183,13 +184,12 @@ class OpenVinoBackend:
         return logits
 
 
-def _shapes_near(parts: list[Array], batch: int, seen: int) -> list[tuple[int, ...]]:
-    """Of the parts and the counts, where each prompt sees so many image tokens."""
+def _shapes(parts: list[Array], tokens: int) -> list[tuple[int, ...]]:
+    """Of the parts and the counts, with so many image tokens."""
     shapes = [
-        (batch, *part.shape[:axis], seen, *part.shape[axis + 1 :])
-        for part, axis in zip(parts[:-1], TOKEN_AXES, strict=True)
+        (*part.shape[:axis], tokens, *part.shape[axis + 1 :]) for part, axis in zip(parts[:-1], TOKEN_AXES, strict=True)
     ]
-    return [*shapes, (batch, seen)]
+    return [*shapes, (tokens,)]
 
 
 def _gather(parts: list[Array], near: NearTokens, sparse: Array, inputs: list[Array]) -> None:

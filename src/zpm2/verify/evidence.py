@@ -20,6 +20,7 @@ from zpm2.local_match import MatchProblem, texture
 from zpm2.local_match.pair_map import by_areas
 from zpm2.local_match.shared_points import shared_points
 from zpm2.model import PolygonArrays
+from zpm2.polygons.once import each_once, identity, vertices
 from zpm2.polygons.transform import transform_polygons
 from zpm2.polygons.warp import warp_by_points
 from zpm2.verify import content, flow
@@ -48,7 +49,7 @@ def gather(problem: MatchProblem, pairs: Candidates, others: Candidates, config:
     )
     linear = problem.locations.prior.linear[pairs.left]
     linear = np.where(_usable(linear)[:, None, None], linear, np.eye(2))
-    in_place, stretched, flowing = _compared(problem, left, right, linear, config)
+    in_place, stretched, flowing = _compared_once(problem, left, right, linear, config)
     moved = motion(problem, pairs, others, linear, config.verify)
     width = np.minimum(*(2 * side.areas / np.maximum(shapely.length(side.shapes), 1e-9) for side in (left, right)))
     each = np.arange(len(left))
@@ -75,6 +76,22 @@ def motion(problem: MatchProblem, pairs: Candidates, others: Candidates, linear:
     taken = other_there[near] - np.einsum("kij,knj->kni", linear, other_here[near] - here[:, None])
     expected = np.nanmedian(np.where(own[:, :, None], np.nan, taken), axis=1)
     return np.asarray(np.linalg.norm(there - expected, axis=1) / np.sqrt(right.areas[pairs.right]))
+
+
+def _compared_once(
+    problem: MatchProblem, left: PolygonArrays, right: PolygonArrays, linear: Array, config: LocalConfig
+) -> tuple[Array, Array, Array]:
+    """As `_compared`; pairs of earlier problems of the same images are known."""
+    lefts, rights = left.polygons, right.polygons
+    keys = [(*identity(a), *identity(b), m.tobytes()) for a, b, m in zip(lefts, rights, linear, strict=True)]
+
+    def find(rows: NDArray[np.intp]) -> list[tuple[float, float, float]]:
+        here, there = (PolygonArrays([side[row] for row in rows]) for side in (lefts, rights))
+        return list(zip(*_compared(problem, here, there, linear[rows], config), strict=True))
+
+    found = each_once(problem.verified, keys, lambda row: (vertices(lefts[row]), vertices(rights[row])), find)
+    in_place, stretched, flowing = np.array(found, np.float64).reshape(-1, 3).T
+    return in_place, stretched, flowing
 
 
 def _compared(
