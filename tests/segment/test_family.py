@@ -130,6 +130,23 @@ def test_the_same_bytes_twice() -> None:
     assert np.array_equal(first.prompt, second.prompt)
 
 
+@pytest.mark.parametrize("tries", [1, 3, 24])
+def test_how_many_regions_are_correlated_at_a_time_changes_nothing(monkeypatch: pytest.MonkeyPatch, tries: int) -> None:
+    """Every third brick is known: members of a family that the first of them finds."""
+    config = dataclasses.replace(CONFIG, family=FamilyConfig(max_prompts=40, max_seeds=tries))
+    plain = PaintedView(wall(), [Region(shape) for shape in bricks().values()])
+    centres = np.array([shape.centroid.coords[0] for shape in bricks().values()])
+    known = plain.predict(Prompts.at(centres), LOOSE)[np.arange(0, len(centres), 3)]
+    found = list[MaskPredictions]()
+    for seeds in (1, 4, 100):
+        monkeypatch.setattr("zpm2.segment.family.SEEDS", seeds)
+        found.append(with_families(view(), known, config, LOOSE))
+    assert len(found[0]) > len(known) + 20
+    for other in found[1:]:
+        assert np.array_equal(found[0].logits, other.logits)
+        assert np.array_equal(found[0].prompt, other.prompt)
+
+
 def test_elements_hold_one_of_the_pixels() -> None:
     seen = view()
     holding = np.zeros(seen.size, bool)

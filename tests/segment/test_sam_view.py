@@ -137,16 +137,18 @@ def test_a_view_comes_back_from_its_arrays(view: SamView, points: np.ndarray) ->
 def test_few_networks_stay_and_the_next_ones_answer_alike(
     view: SamView, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Photographs of each shape have networks of their own."""
+    """Photographs of each shape have a mask network of their own, and share the prompt network."""
     pytest.importorskip("openvino")
     backend = view.backend
     assert isinstance(backend, OpenVinoBackend)
     before = view.predict(Prompts.at(points[:1]), EVERYTHING)
+    prompting = list(backend.networks["prompt"].values())
     monkeypatch.setattr("zpm2.segment.sam_openvino.KEPT", 1)
     for height in (40, 80):  # px
         other = SamView(backend, Image(np.zeros((height, 160, 3), np.uint8)), view.config, encoded=view.parts)
         other.predict(Prompts.at(np.full((1, 2), 20.0)), EVERYTHING)
     assert len(backend.networks["mask"]) == 1
+    assert list(backend.networks["prompt"].values()) == prompting
     encoded = backend.image(np.zeros((1, 3, 1024, 1024), np.float32))  # which frees the prompt networks' memory
     assert not np.array_equal(encoded[0], view.parts[0])
     after = view.predict(Prompts.at(points[:1]), EVERYTHING)

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
@@ -6,7 +8,7 @@ from twoplanes import scene
 
 from zpm2.global_match import Candidates
 from zpm2.local_match import match_polygons
-from zpm2.verify import gather
+from zpm2.verify import evidence, gather
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +57,21 @@ def test_width_is_that_of_the_narrower_polygon(known):
     shapes = [side.shapes[rows] for side, rows in zip(problem.polygons, (pairs.left, pairs.right), strict=True)]
     expected = [min(2 * shape.area / shape.length for shape in both) for both in zip(*shapes, strict=True)]
     assert gather(problem, pairs, pairs, LOCAL).width == pytest.approx(expected)
+
+
+def test_a_later_problem_knows_the_evidence_of_the_pairs_of_an_earlier_one(known, monkeypatch):
+    problem, pairs = known
+    first, second = dataclasses.replace(problem, verified={}), dataclasses.replace(problem, verified={})
+    some, compared, compare = pairs[np.arange(0, len(pairs), 3)], [], evidence._compared
+
+    def counted(own, left, *more):
+        compared.append(len(left))
+        return compare(own, left, *more)
+
+    monkeypatch.setattr(evidence, "_compared", counted)
+    gather(first, some, pairs, LOCAL)
+    again = gather(dataclasses.replace(problem, verified=first.verified), pairs, pairs, LOCAL)
+    assert compared == [len(some), len(pairs) - len(some)]
+    afresh = gather(second, pairs, pairs, LOCAL)
+    for field in dataclasses.fields(afresh):
+        assert getattr(again, field.name) == pytest.approx(getattr(afresh, field.name), abs=1e-12)
