@@ -156,6 +156,23 @@ def test_two_runs_are_the_same(config: SegmentConfig) -> None:
     assert np.array_equal(first.score, second.score)
 
 
+@pytest.mark.parametrize("config", LEVELS)
+@pytest.mark.parametrize("chosen", [1, 4, 16])
+def test_how_many_prompts_a_device_takes_at_a_time_changes_nothing(config: SegmentConfig, chosen: int) -> None:
+    """Those that are asked ahead cost time only."""
+    config = dataclasses.replace(config, prompts=dataclasses.replace(config.prompts, chosen=chosen))
+    found, asked = list[MaskPredictions](), list[int]()
+    for batch in (1, 4, 16, 300):
+        view = PaintedView(painted([region.shape for region in scene()]), scene(), batch)
+        found.append(automatic_masks(view, config))
+        asked.append(len(view.asked))
+        assert len(set(view.asked)) == len(view.asked)
+    for other in found[1:]:
+        assert np.array_equal(found[0].logits, other.logits)
+        assert np.array_equal(found[0].score, other.score)
+    assert asked[0] == asked[-1] if config.quality == "full" else asked[0] < asked[-1]
+
+
 def test_too_small_and_too_large_regions_are_none() -> None:
     view = PaintedView(blank(), [Region(shapely.box(100, 100, 104, 104)), Region(shapely.box(0, 0, 256, 256))])
     assert len(automatic_masks(view, dataclasses.replace(FULL, grid=64, min_area=60.0))) == 0

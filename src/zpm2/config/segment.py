@@ -39,6 +39,13 @@ class PromptConfig:
         check=_above_zero,
         source="blobs from 4 to 34 px wide, a 64th to an eighth of the image",
     )
+    chosen: int = number(
+        16,
+        "prompts that are chosen at a time, by what those before them have found",
+        low=1,
+        high=512,
+        source="few, so that what is found keeps prompts away; more take less time on a GPU only",
+    )
     blob_distance: float = number(1.5, "from a blob to the next one of its scale, at least", unit="sigmas", above=True)
     min_blob_contrast: float = number(
         0.5,
@@ -191,10 +198,10 @@ class SegmentConfig:
     )
     cpu_batch: int = number(
         16,
-        "prompts at a time on a CPU; the faster levels of quality choose the next ones after these",
+        "prompts that go to the network at a time on a CPU",
         low=1,
         high=512,
-        source="few, so that the faster levels can look often; SAM: 64",
+        source="as many as `segment.prompts.chosen`: more bring nothing there; SAM: 64",
     )
     gpu_batch: int = number(64, "the same on a GPU", low=1, high=512, source="SAM's automatic mask generator")
     prompts: PromptConfig = field(default_factory=PromptConfig)

@@ -77,7 +77,7 @@ def _predict_selected(
     pixels: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     progress: Callable[[float], None],
 ) -> list[MaskPredictions]:
-    """The masks of the prompts of the faster levels, batch by batch. The `pixels` are those with data, and those of
+    """The masks of the prompts of the faster levels, some at a time. The `pixels` are those with data, and those of
     them where prompts are made."""
     limits, fast = config.prompts, config.quality == "fast"
     points, coverage = grid(config.grid, view.size), _Coverage(view.size)
@@ -99,17 +99,18 @@ def _predict_selected(
     ) -> None:
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
         reached. They mostly show something `small`, or not."""
-        rows, prompted = np.arange(len(at)), 0
+
+        def ask(rows: Rows) -> MaskPredictions:
+            prompts = Prompts.at(at[rows] / view.mask_scale)
+            return _small(view, prompts, thresholds, [surest, *found]) if small else view.predict(prompts, thresholds)
+
+        rows, prompted, answers = np.arange(len(at)), 0, _Ahead(ask, view)
         while prompted < most and len(rows := rows[wanted(rows)]):
-            batch, rows = np.split(rows, [min(view.batch, most - prompted)])
-            prompts = Prompts.at(at[batch] / view.mask_scale)
-            if small:
-                predictions = _small(view, prompts, thresholds, [surest, *found])
-            else:
-                predictions = view.predict(prompts, thresholds)
-            coverage.add(predictions, _finest_around(predictions, *_pixels(at[batch])))
+            chosen, rows = np.split(rows, [min(limits.chosen, most - prompted)])
+            predictions = answers(chosen, rows[: most - prompted - len(chosen)])
+            coverage.add(predictions, _finest_around(predictions, *_pixels(at[chosen])))
             found.append(predictions)
-            prompted += len(batch)
+            prompted += len(chosen)
             progress((done + prompted) / (first + most_blobs + most_uncovered))
 
     def without_mask(rows: Rows) -> NDArray[np.bool_]:
@@ -131,6 +132,28 @@ def _small(
     if isinstance(view, SmallThingsView):
         return view.predict_small(prompts, thresholds, known)
     return view.predict(prompts, thresholds)
+
+
+class _Ahead:
+    """The answers of a `view` to prompts that are chosen few at a time. Where a device takes more at a time, those that
+    are likely to be next are asked with them, so that what is chosen does not depend on the device."""
+
+    def __init__(self, ask: Callable[[Rows], MaskPredictions], view: PromptedView) -> None:
+        self._ask, self._batch = ask, view.batch
+        self._asked, self._answers = np.zeros(0, np.int64), MaskPredictions.none(view.size)  # `prompt` are rows
+
+    def __call__(self, rows: Rows, following: Rows) -> MaskPredictions:
+        """The masks of the prompts `rows`, in ascending order; `following` are those that may be next."""
+        new = rows[~np.isin(rows, self._asked)]
+        if len(new):
+            following = following[~np.isin(following, self._asked)]
+            asked = np.concatenate([new, following[: max(0, self._batch - len(new))]])
+            answers = self._ask(asked)
+            waiting = self._answers[np.isin(self._answers.prompt, rows)]
+            self._answers = MaskPredictions.join([waiting, dataclasses.replace(answers, prompt=asked[answers.prompt])])
+            self._asked = np.union1d(self._asked, asked)
+        found = self._answers[np.isin(self._answers.prompt, rows)]
+        return dataclasses.replace(found, prompt=np.searchsorted(rows, found.prompt))
 
 
 def _surest(known: MaskPredictions) -> MaskPredictions:
