@@ -183,7 +183,7 @@ class PairMatcher:
     def _match(self, found: PairRegions, before: MatchProblem) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
         problem = self._locate(found, before.initial)
-        problem = replace(problem, known=before.known, verified=before.verified)
+        problem = replace(problem, known=before.known, evidence=before.evidence)
         return problem, match_polygons(problem, self.config.local_match)
 
     def _judged(self, problem: MatchProblem, matches: Sequence[PolygonMatch]) -> tuple[list[PolygonMatch], list[str]]:

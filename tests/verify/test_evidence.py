@@ -61,7 +61,7 @@ def test_width_is_that_of_the_narrower_polygon(known):
 
 def test_a_later_problem_knows_the_evidence_of_the_pairs_of_an_earlier_one(known, monkeypatch):
     problem, pairs = known
-    first, second = dataclasses.replace(problem, verified={}), dataclasses.replace(problem, verified={})
+    first, second = dataclasses.replace(problem, evidence={}), dataclasses.replace(problem, evidence={})
     some, compared, compare = pairs[np.arange(0, len(pairs), 3)], [], evidence._compared
 
     def counted(own, left, *more):
@@ -70,7 +70,7 @@ def test_a_later_problem_knows_the_evidence_of_the_pairs_of_an_earlier_one(known
 
     monkeypatch.setattr(evidence, "_compared", counted)
     gather(first, some, pairs, LOCAL)
-    again = gather(dataclasses.replace(problem, verified=first.verified), pairs, pairs, LOCAL)
+    again = gather(dataclasses.replace(problem, evidence=first.evidence), pairs, pairs, LOCAL)
     assert compared == [len(some), len(pairs) - len(some)]
     afresh = gather(second, pairs, pairs, LOCAL)
     for field in dataclasses.fields(afresh):

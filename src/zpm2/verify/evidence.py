@@ -89,7 +89,7 @@ def _compared_once(
         here, there = (PolygonArrays([side[row] for row in rows]) for side in (lefts, rights))
         return list(zip(*_compared(problem, here, there, linear[rows], config), strict=True))
 
-    found = each_once(problem.verified, keys, lambda row: (vertices(lefts[row]), vertices(rights[row])), find)
+    found = each_once(problem.evidence, keys, lambda row: (vertices(lefts[row]), vertices(rights[row])), find)
     in_place, stretched, flowing = np.array(found, np.float64).reshape(-1, 3).T
     return in_place, stretched, flowing
 
