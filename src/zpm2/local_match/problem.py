@@ -23,7 +23,7 @@ class MatchProblem:
     locations: PyramidLocations  # of the left polygons in the right image
     candidates: Candidates
     guided_prior: GuidedPrior | None = None  # where guided re-detection found the polygons
-    # How pairs overlap, and what `verify` found about them: images, points and configuration of problems that share this
-    # must be the same
+    # How pairs overlap, and what `verify` found out about them: problems that share this have the same images, points
+    # and configuration
     known: KnownOverlaps = field(default_factory=dict)
     evidence: KnownEvidence = field(default_factory=dict)
