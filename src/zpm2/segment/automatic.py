@@ -140,18 +140,18 @@ class _Ahead:
 
     def __init__(self, ask: Callable[[Rows], MaskPredictions], view: PromptedView) -> None:
         self._ask, self._batch = ask, view.batch
-        self._asked, self._answers = np.zeros(0, np.int64), MaskPredictions.none(view.size)  # `prompt` are rows
+        self._last, self._answers = -1, MaskPredictions.none(view.size)  # `prompt` are rows
 
     def __call__(self, rows: Rows, following: Rows) -> MaskPredictions:
-        """The masks of the prompts `rows`, in ascending order; `following` are those that may be next."""
-        new = rows[~np.isin(rows, self._asked)]
+        """The masks of the prompts `rows`, in ascending order; `following` are those that may be next. What was not
+        wanted once is not wanted later, so all that is wanted up to the last row that was asked has its answer."""
+        new = rows[rows > self._last]
         if len(new):
-            following = following[~np.isin(following, self._asked)]
             asked = np.concatenate([new, following[: max(0, self._batch - len(new))]])
             answers = self._ask(asked)
             waiting = self._answers[np.isin(self._answers.prompt, rows)]
             self._answers = MaskPredictions.join([waiting, dataclasses.replace(answers, prompt=asked[answers.prompt])])
-            self._asked = np.union1d(self._asked, asked)
+            self._last = int(asked[-1])
         found = self._answers[np.isin(self._answers.prompt, rows)]
         return dataclasses.replace(found, prompt=np.searchsorted(rows, found.prompt))
 
