@@ -1,4 +1,5 @@
-"""The device, the timer of stages, and a lock for networks, which cannot run in forked processes.
+"""The device, the timer of stages, a lock for networks, which cannot run in forked processes, and what makes torch's
+first call equal to its later ones.
 
 A process that is forked from one with networks lacks the threads that torch and OpenVINO compute with, and would wait
 for them for ever.
@@ -15,6 +16,11 @@ from time import perf_counter
 
 from zpm2.errors import ConfigError, ForkError
 
+# torch has Intel's MKL compute these on a CPU
+MKL_FUNCTIONS = (
+    *("acos", "asin", "atan", "cos", "sin", "tan", "tanh", "erf", "erfc", "erfinv"),
+    *("exp", "expm1", "log", "log10", "log1p", "log2", "sqrt", "trunc"),
+)
 _loaded_in: int | None = None  # process id: this process, or the one that it was forked from
 
 
@@ -32,6 +38,21 @@ def check_not_forked() -> None:
             "this process was forked from one that had loaded networks, which would hang here: start processes with "
             'multiprocessing.get_context("spawn"), or fork before the first match'
         )
+
+
+@functools.cache
+def settle_torch() -> None:
+    """Calls each of `MKL_FUNCTIONS` on one number, once in a process, before networks run.
+
+    MKL chooses how to compute a function when it is first called. Where several threads make this first call together,
+    one of them may compute its part with 11 correct bits (pytorch/pytorch issue 188792), so that one process in twenty
+    to fifty found other points in its first pair. One number is computed by one thread.
+    """
+    import torch
+
+    for number in torch.full((1,), 0.5), torch.full((1,), 0.5, dtype=torch.float64):
+        for name in MKL_FUNCTIONS:
+            getattr(torch, name)(number)
 
 
 @functools.cache

@@ -50,6 +50,12 @@ def from_numpy(array):
 
 def manual_seed(seed):
     pass
+
+def full(size, value):
+    return value
+
+def __getattr__(name):
+    return abs
 """
 
 

@@ -6,6 +6,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from loopback import CONTENT, Server
 
 from zpm2 import weights
 from zpm2.errors import WeightsError
+from zpm2.runtime import MKL_FUNCTIONS, settle_torch
 from zpm2.weights import Entry, cache_dir, store
 
 
@@ -143,6 +145,28 @@ def test_load_state_dict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outer:
     loaded = weights.load_state_dict("tiny", directory=tmp_path)
     assert list(loaded) == ["a.weight", "a.bias"]
     assert loaded["a.weight"].tolist() == [0, 1, 2]
+
+
+def test_torch_computes_one_number_before_a_network_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Else its first call in several threads may be less exact, now and then: `zpm2.runtime.settle_torch`."""
+    import torch
+    from torch.overrides import TorchFunctionMode
+
+    class Calls(TorchFunctionMode):
+        def __torch_function__(self, function, types, args=(), kwargs=None):
+            if function.__name__ in MKL_FUNCTIONS:
+                seen[function.__name__].append((args[0].numel(), args[0].dtype))
+            return function(*args, **(kwargs or {}))
+
+    seen: defaultdict[str, list[tuple[int, torch.dtype]]] = defaultdict(list)
+    torch.save({"a": torch.zeros(1)}, tmp_path / "saved")
+    put(monkeypatch, tmp_path, (tmp_path / "saved").read_bytes())
+    settle_torch.cache_clear()
+    with Calls():
+        weights.load_state_dict("tiny", directory=tmp_path)
+        torch.cos(torch.zeros(100_000))
+    once = [(1, torch.float32), (1, torch.float64)]
+    assert seen == dict.fromkeys(MKL_FUNCTIONS, once) | {"cos": [*once, (100_000, torch.float32)]}
 
 
 class Trap:

@@ -21,6 +21,7 @@ from zpm2.errors import MissingDependency, PointMatcherError
 from zpm2.features.frame import Frame, frame
 from zpm2.formats.convert import Members
 from zpm2.model import Image, PointMatches
+from zpm2.runtime import MKL_FUNCTIONS
 from zpm2.weights.fetch import offline
 
 PYTHON = "ZPM2_VISMATCH_PYTHON"
@@ -50,7 +51,7 @@ class VismatchMatcher:
         python = os.environ.get(PYTHON, "")
         if not python:
             raise MissingDependency(f"vismatch needs an environment of its own: {INSTALL}")
-        command = [python, "-P", str(WORKER), self.matcher, self.device, str(self.config.max_keypoints)]
+        command = [python, "-P", str(WORKER), self.matcher, self.device, str(self.config.max_keypoints), *MKL_FUNCTIONS]
         environment = os.environ | ({"HF_HUB_OFFLINE": "1"} if offline() else {})
         environment.pop("PYTHONPATH", None)
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process

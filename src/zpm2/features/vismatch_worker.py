@@ -1,10 +1,11 @@
 """The other end of `zpm2.features.vismatch`: a script for a Python that has vismatch, and that need not have zpm2.
 
-    python vismatch_worker.py MATCHER DEVICE MAX_KEYPOINTS
+    python vismatch_worker.py MATCHER DEVICE MAX_KEYPOINTS FUNCTION...
 
-It answers on standard output, which vismatch's own prints do not reach. A message is one line of JSON, then the bytes
-that it announces. First comes {"ready": true}; then of each pair that is read, {"shapes": [[h, w], [h, w]]} and its
-uint8 RGB pixels, {"points": n} and 5 n float64: x, y of the left and of the right image, score.
+Each FUNCTION of torch is called on one number first (`zpm2.runtime.settle_torch` says why). It answers on standard
+output, which vismatch's own prints do not reach. A message is one line of JSON, then the bytes that it announces. First
+comes {"ready": true}; then of each pair that is read, {"shapes": [[h, w], [h, w]]} and its uint8 RGB pixels,
+{"points": n} and 5 n float64: x, y of the left and of the right image, score.
 """
 
 import json
@@ -24,6 +25,8 @@ def main() -> None:
     import torch
     from vismatch import get_matcher
 
+    for function in sys.argv[4:]:
+        getattr(torch, function)(torch.full((1,), 0.5))
     torch.use_deterministic_algorithms(True, warn_only=True)
     matcher = get_matcher(name, device=device, max_num_keypoints=limit)
     answers.write(json.dumps({"ready": True}).encode() + b"\n")

@@ -18,7 +18,7 @@ from zpm2 import weights
 from zpm2.config import SegmentConfig
 from zpm2.errors import MissingDependency
 from zpm2.model.messages import Note
-from zpm2.runtime import mark_networks_loaded
+from zpm2.runtime import mark_networks_loaded, settle_torch
 from zpm2.segment.mask_network import Array, Sight
 from zpm2.segment.predictions import CORNER
 from zpm2.segment.stacks import Stack
@@ -192,6 +192,7 @@ class TransformersSam:
         note = weights.hash_note(name, path)
         self.notes = [] if note is None else [Note(note)]
         mark_networks_loaded()
+        settle_torch()
         self.sight, self.batch = family.sight, config.cpu_batch if device == "cpu" else config.gpu_batch
         self._torch, self._device = torch, torch.device(device)
         half = config.precision != "float32"

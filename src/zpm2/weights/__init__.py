@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zpm2.errors import MissingDependency, WeightsError
-from zpm2.runtime import mark_networks_loaded
+from zpm2.runtime import mark_networks_loaded, settle_torch
 from zpm2.weights import licence
 from zpm2.weights.converted import converted
 from zpm2.weights.manifest import MANIFEST, Entry, entry
@@ -108,6 +108,7 @@ def load_state_dict(
 
     path = get(name, directory=directory, progress=progress)
     mark_networks_loaded()
+    settle_torch()
     if path.suffix == ".safetensors":
         return load_tensors(path)
     try:
