@@ -95,35 +95,53 @@ def _repetitions(
     lab = cv2.cvtColor(
         cv2.resize(view.image.rgb, (FINE * width, FINE * height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2LAB
     )
-    area, box = bits.sum((1, 2)), boxes(bits)
-    taken = np.zeros(len(bits), bool)  # members of a family that another one has found
+    known = _Known(bits, bits.sum((1, 2)), boxes(bits), np.zeros(len(bits), bool))
+    sides = known.box[:, 2:] - known.box[:, :2]
     seeds, shifts = [], []
     budget, tries = config.max_prompts, config.max_seeds
-    sides = box[:, 2:] - box[:, :2]
     rows = np.flatnonzero((sides.min(1) >= config.min_side) & (sides.max(1) <= config.max_side * max(view.size)))
-    while len(rows := rows[~taken[rows]]) and tries > 0 and budget > 0:
+    while len(rows := rows[~known.taken[rows]]) and tries > 0 and budget > 0:
         some, rows = np.split(rows, [min(SEEDS, tries)])
-        for seed, at in zip(some, _peaks(lab, box[some], config), strict=True):
-            if taken[seed] or budget <= 0:
+        for seed, at in zip(some, _peaks(lab, known.box[some], config), strict=True):
+            if known.taken[seed] or budget <= 0:
                 continue
             tries -= 1
-            column, row = np.clip(at + box[seed, :2] + sides[seed] // 2, 0, [width - 1, height - 1]).T
+            column, row = np.clip(at + known.box[seed, :2] + sides[seed] // 2, 0, [width - 1, height - 1]).T
             at = at[where[row, column]]
             if len(at) < config.min_members - 1:
                 continue
-            free = []
-            for shift in at:
-                element = _moved(bits[seed], shift)
-                if 2 * np.count_nonzero(element) < area[seed]:  # mostly outside of the view
-                    continue
-                same = _same(bits, area, element, config.known_overlap)
-                taken[same] = True
-                x0, y0, x1, y1 = np.maximum(box[seed] + np.tile(shift, 2), 0)
-                free += [] if len(same) or not holding[y0:y1, x0:x1].any() else [shift]
+            free = known.free(seed, at, holding, config.known_overlap)
             seeds += [seed] * len(free[:budget])
             shifts += free[:budget]
             budget -= len(free)
     return _Places(np.array(seeds, np.int64), np.array(shifts, np.int64).reshape(-1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """The n regions that are known, in px of a decoded mask."""
+
+    bits: NDArray[np.bool_]  # (n, height, width)
+    area: NDArray[np.int64]  # (n,)
+    box: NDArray[np.int64]  # (n, 4)
+    taken: NDArray[np.bool_]  # (n,) members of a family that another one has found
+
+    def free(
+        self, seed: int, shifts: NDArray[np.int64], holding: NDArray[np.bool_], overlap: float
+    ) -> list[NDArray[np.int64]]:
+        """Those of `shifts` (m, 2) where region `seed` would be new and its box has a pixel `holding`. The regions that
+        it meets at the other ones are taken from now on."""
+        free = []
+        for shift in shifts:
+            element = _moved(self.bits[seed], shift)
+            if 2 * np.count_nonzero(element) < self.area[seed]:  # mostly outside of the view
+                continue
+            same = _same(self.bits, self.area, element, overlap)
+            self.taken[same] = True
+            x0, y0, x1, y1 = np.maximum(self.box[seed] + np.tile(shift, 2), 0)
+            if not len(same) and holding[y0:y1, x0:x1].any():
+                free.append(shift)
+        return free
 
 
 def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig) -> list[NDArray[np.int64]]:
