@@ -95,7 +95,7 @@ def _repetitions(
     lab = cv2.cvtColor(
         cv2.resize(view.image.rgb, (FINE * width, FINE * height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2LAB
     )
-    known = _Known(bits, bits.sum((1, 2)), boxes(bits), np.zeros(len(bits), bool))
+    known = _Known(bits)
     sides = known.box[:, 2:] - known.box[:, :2]
     seeds, shifts = [], []
     budget, tries = config.max_prompts, config.max_seeds
@@ -117,31 +117,38 @@ def _repetitions(
     return _Places(np.array(seeds, np.int64), np.array(shifts, np.int64).reshape(-1, 2))
 
 
-@dataclass(frozen=True, eq=False)
 class _Known:
     """The n regions that are known, in px of a decoded mask."""
 
-    bits: NDArray[np.bool_]  # (n, height, width)
-    area: NDArray[np.int64]  # (n,)
-    box: NDArray[np.int64]  # (n, 4)
-    taken: NDArray[np.bool_]  # (n,) members of a family that another one has found
+    def __init__(self, bits: NDArray[np.bool_]) -> None:
+        self.bits = bits  # (n, height, width)
+        self.area: NDArray[np.int64] = bits.sum((1, 2))
+        self.box = boxes(bits)  # (n, 4)
+        self.taken = np.zeros(len(bits), bool)  # members of a family that another one has found
 
     def free(
         self, seed: int, shifts: NDArray[np.int64], holding: NDArray[np.bool_], overlap: float
     ) -> list[NDArray[np.int64]]:
         """Those of `shifts` (m, 2) where region `seed` would be new and its box has a pixel `holding`. The regions that
-        it meets at the other ones are taken from now on."""
+        it meets at the others are taken from now on."""
         free = []
         for shift in shifts:
             element = _moved(self.bits[seed], shift)
             if 2 * np.count_nonzero(element) < self.area[seed]:  # mostly outside of the view
                 continue
-            same = _same(self.bits, self.area, element, overlap)
+            same = self._same(element, overlap)
             self.taken[same] = True
             x0, y0, x1, y1 = np.maximum(self.box[seed] + np.tile(shift, 2), 0)
             if not len(same) and holding[y0:y1, x0:x1].any():
                 free.append(shift)
         return free
+
+    def _same(self, mask: NDArray[np.bool_], overlap: float) -> NDArray[np.intp]:
+        """Rows of the regions whose IoU with a mask (height, width) is at least `overlap`."""
+        n = np.count_nonzero(mask)
+        near = np.flatnonzero(np.minimum(self.area, n) >= overlap * np.maximum(self.area, n))
+        shared = self.bits[near][:, mask].sum(1)
+        return near[shared >= overlap * (self.area[near] + n - shared)]
 
 
 def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig) -> list[NDArray[np.int64]]:
@@ -174,13 +181,3 @@ def _moved(bits: NDArray[np.bool_], shift: NDArray[np.int64]) -> NDArray[np.bool
     part = bits[max(0, -y) : height - max(0, y), max(0, -x) : width - max(0, x)]
     result[max(0, y) : max(0, y) + part.shape[0], max(0, x) : max(0, x) + part.shape[1]] = part
     return result
-
-
-def _same(
-    bits: NDArray[np.bool_], area: NDArray[np.int64], mask: NDArray[np.bool_], overlap: float
-) -> NDArray[np.intp]:
-    """Rows of the masks (n, height, width), of `area` (n,), whose IoU with a mask is at least `overlap`."""
-    n = np.count_nonzero(mask)
-    near = np.flatnonzero(np.minimum(area, n) >= overlap * np.maximum(area, n))
-    shared = bits[near][:, mask].sum(1)
-    return near[shared >= overlap * (area[near] + n - shared)]
