@@ -5,11 +5,21 @@
 
 Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded when first used, so that `import zpm2` is
 quick and loads no network library.
+
+It tells OpenCV about threads, where that is loaded afterwards: to take no more than `OMP_NUM_THREADS`, which it does not
+know, and not to keep cores busy while they wait. `OPENCV_FOR_THREADS_NUM` and `OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER`
+that are set stay.
 """
 
+import os
 import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+os.environ.setdefault("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "0")
+_threads = os.environ.get("OMP_NUM_THREADS", "")
+if _threads.isdecimal() and 0 < int(_threads) < (os.cpu_count() or 1):
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", _threads)
 
 if TYPE_CHECKING:
     from zpm2.api import Matcher, match

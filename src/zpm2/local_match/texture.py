@@ -18,47 +18,59 @@ PATCH_CELLS = 1 << 16  # of patches that are sampled at a time: what a core keep
 class TexturePatches:
     """Square patches of the polygons of one image, all of the same size, with their masks.
 
-    Patch k is the bounding box of `frames[k]` resampled to size x size: `values` (n, size^2), and `inside` (n, size^2)
+    Patch k is the bounding box of `frames[k]`, `sampled` at size x size: `values` (n, size^2), and `inside` (n, size^2)
     where the polygon is. `frames` are shapely polygons in px of the right image, which `to_image` (n, 3, 3) maps to the
-    sampled image (by the identity for the right image itself). So both patches of a pair are rectified to one frame. An
-    image is halved up to `max_halvings` times before a large polygon is sampled.
+    sampled image (by the identity for the right image itself). So both patches of a pair are rectified to one frame.
     """
 
     def __init__(
         self, image: Image, frames: NDArray[np.object_], to_image: Array, size: int, max_halvings: int
     ) -> None:
-        self.size, self.max_halvings = size, max_halvings
         n = len(frames)
         self.values = np.zeros((n, size * size), np.float32)
         self.inside = np.zeros((n, size * size), bool)
         usable = np.flatnonzero(~shapely.is_empty(frames))
+        frames = frames[usable]
+        box = shapely.bounds(frames).reshape(-1, 4)
+        values, seen = sampled(image, box, to_image[usable], size, max_halvings)
+        self.values[usable] = values.reshape(-1, size * size)
+        self.inside[usable] = (seen & covered(frames, box, size)).reshape(-1, size * size)
 
-        def sample(part: slice) -> None:
-            rows = usable[part]
-            self._sample(rows, frames[rows], to_image[rows], image)
 
-        in_chunks(sample, len(usable), together(size))
+def sampled(
+    image: Image, box: Array, to_image: Array, size: int, max_halvings: int
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """(n, size, size) the grey values of an image in n boxes, and where the image shows them.
 
-    def _sample(self, rows: NDArray[np.intp], frames: NDArray[np.object_], to_image: Array, image: Image) -> None:
-        x0, y0, x1, y1 = shapely.bounds(frames).T
-        along = (np.arange(self.size) + 0.5) / self.size
+    A `box` (n, 4), x0, y0, x1, y1, is in px of another image, which `to_image` (n, 3, 3) maps to this one. An image is
+    halved up to `max_halvings` times before a large box is sampled.
+    """
+    values, seen = np.zeros((len(box), size, size), np.float32), np.zeros((len(box), size, size), bool)
+    along = (np.arange(size) + 0.5) / size
+
+    def sample(part: slice) -> None:
+        x0, y0, x1, y1 = box[part].T
         x, y = (low[:, None] + (high - low)[:, None] * along for low, high in ((x0, x1), (y0, y1)))
-        column, row, seen = _mapped(to_image, x[:, None, :], y[:, :, None])
-        seen = seen & (column >= 0) & (row >= 0) & (column <= image.width) & (row <= image.height)
+        column, row, ahead = _mapped(to_image[part], x[:, None, :], y[:, :, None])
+        seen[part] = ahead & (column >= 0) & (row >= 0) & (column <= image.width) & (row <= image.height)
         extent = np.maximum(*(at.max((1, 2)) - at.min((1, 2)) for at in (column, row)))
-        spread = np.nan_to_num(extent / self.size, nan=1.0, posinf=1.0)
-        level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, self.max_halvings).astype(int)
+        spread = np.nan_to_num(extent / size, nan=1.0, posinf=1.0)
+        level = np.clip(np.floor(np.log2(np.maximum(spread, 1.0))), 0, max_halvings).astype(int)
         for k in np.unique(level):
             of = level == k
             at = (each[of] / 2.0**k - 0.5 for each in (column, row))
-            self.values[rows[of]] = bilinear(levels(image, k, 2)[k], *at).reshape(of.sum(), -1)
-        self.inside[rows] = seen.reshape(len(rows), -1) & self._coverage(frames, x0, y0, x1, y1)
+            values[part][of] = bilinear(levels(image, k, 2)[k], *at)
 
-    def _coverage(self, frames: NDArray[np.object_], x0: Array, y0: Array, x1: Array, y1: Array) -> NDArray[np.bool_]:
-        scale = self.size / np.maximum(np.c_[x1 - x0, y1 - y0], 1e-9)
-        xy, of = shapely.get_coordinates(frames, return_index=True)
-        own = shapely.set_coordinates(frames.copy(), (xy - np.c_[x0, y0][of]) * scale[of])  # px of the patch
-        return rasterize_stack(own, (self.size, self.size)).reshape(len(frames), -1)
+    in_chunks(sample, len(box), together(size))
+    return values, seen
+
+
+def covered(shapes: NDArray[np.object_], box: Array, size: int) -> NDArray[np.bool_]:
+    """(n, size, size) which cells of its `box` (n, 4) are in each polygon (n,)."""
+    scale = size / np.maximum(box[:, 2:] - box[:, :2], 1e-9)
+    xy, of = shapely.get_coordinates(shapes, return_index=True)
+    cells = shapely.set_coordinates(shapes.copy(), (xy - box[of, :2]) * scale[of])
+    return rasterize_stack(cells, (size, size))
 
 
 def together(size: int) -> int:

@@ -116,5 +116,6 @@ class MaskPredictions:
         ends = np.cumsum([len(part) for part in parts])
         of = np.searchsorted(ends, rows, side="right")
         order = np.argsort(of, kind="stable")
-        every = [part[rows[of == k] - (ends[k] - len(part))] for k, part in enumerate(parts)]
+        used = np.unique(of) if len(of) else [0]
+        every = [parts[k][rows[of == k] - (ends[k] - len(parts[k]))] for k in used]
         return MaskPredictions.join(every)[np.argsort(order, kind="stable")]

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
 from zpm2.cores import in_chunks
-from zpm2.local_match.texture import TexturePatches, together
+from zpm2.local_match.texture import covered, sampled, together
 from zpm2.model import Image
-from zpm2.polygons.rasterize import rasterize_stack
 
 Array = NDArray[np.float64]
 Patches = NDArray[np.float32]  # (k, size, size)
 Bits = NDArray[np.bool_]
+CHANNELS = 256  # patches at a time, of the 512 that OpenCV takes as channels of one image
 
 
 def peaks(
@@ -39,32 +39,41 @@ def peaks(
     `config.rival`. 0 where too little of a polygon is seen to tell.
     """
     box, size = _around(right), 2 * config.patch
-    to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
+    inside = covered(warped, box, size) & covered(right, box, size)
 
     def peak(rows: slice) -> Array:
-        frames = shapely.box(*box[rows].T)
-        sides = [
-            TexturePatches(image, frames, back[rows], size, max_halvings)
-            for image, back in zip(images, to_image, strict=True)
-        ]
-        values = [normalised(side.values.reshape(-1, size, size), config) for side in sides]
-        seen = [side.inside.reshape(-1, size, size) for side in sides]
-        both = inside(warped[rows], box[rows], size) & inside(right[rows], box[rows], size) & seen[0] & seen[1]
-        found = _peak(correlations(values[0], values[1], both, config), config)
+        (left, seen), (other, seen_there) = rectified(images, box[rows], maps[rows], config, max_halvings)
+        both = inside[rows] & seen & seen_there
+        found = _peak(correlations(left, other, both, config), config)
         return np.where(both.sum((1, 2)) < config.min_cells, 0.0, found)
 
     return np.concatenate([np.zeros(0), *in_chunks(peak, len(right), together(size))])
 
 
+def rectified(
+    images: tuple[Image, Image], box: Array, maps: Array, config: VerifyConfig, max_halvings: int
+) -> list[tuple[Patches, Bits]]:
+    """What each image shows in n boxes (n, 4), px of the right one: `normalised` patches of 2 x `config.patch` cells,
+    and where it shows them. `maps` (n, 3, 3) lead from the left image to the right one."""
+    back = np.linalg.inv(maps).astype(np.float64), np.broadcast_to(np.eye(3), maps.shape)
+    found = (sampled(i, box, m, 2 * config.patch, max_halvings) for i, m in zip(images, back, strict=True))
+    return [(normalised(values, config), seen) for values, seen in found]
+
+
 def normalised(patches: Patches, config: VerifyConfig) -> Patches:
     """Each cell's grey value, less the mean around it, in standard deviations there: light and contrast drop out."""
-    side = (config.light, config.light)
     result = np.empty_like(patches)
-    for row, patch in enumerate(patches):
-        mean = cv2.blur(patch, side)
-        variance = np.maximum(cv2.blur(patch * patch, side) - mean * mean, 0)
-        result[row] = (patch - mean) / (np.sqrt(variance) + config.noise)
+    for rows in (slice(start, start + CHANNELS) for start in range(0, len(patches), CHANNELS)):
+        last = np.ascontiguousarray(patches[rows].transpose(1, 2, 0))  # all are blurred at once
+        mean = _blurred(last, config.light)
+        variance = np.maximum(_blurred(last * last, config.light) - mean * mean, 0)
+        result[rows] = ((last - mean) / (np.sqrt(variance) + config.noise)).transpose(2, 0, 1)
     return result
+
+
+def _blurred(patches: Patches, side: int) -> Patches:
+    """The mean in a window around each cell of (size, size, k)."""
+    return np.asarray(cv2.blur(patches, (side, side)), np.float32).reshape(patches.shape)
 
 
 def correlations(left: Patches, right: Patches, inside: Bits, config: VerifyConfig) -> Patches:
@@ -102,10 +111,3 @@ def _around(shapes: NDArray[np.object_]) -> Array:
     bounds = shapely.bounds(shapes).reshape(-1, 4)
     middle, half = (bounds[:, :2] + bounds[:, 2:]) / 2, np.maximum(bounds[:, 2:] - bounds[:, :2], 8.0)
     return np.c_[middle - half, middle + half]
-
-
-def inside(shapes: NDArray[np.object_], box: Array, size: int) -> Bits:
-    """(k, size, size) which cells of its `box` are in each polygon."""
-    xy, of = shapely.get_coordinates(shapes, return_index=True)
-    cells = (xy - box[of, :2]) * (size / (box[of, 2:] - box[of, :2]))
-    return rasterize_stack(shapely.set_coordinates(shapes.copy(), cells), (size, size))

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from zpm2.config import VerifyConfig
 from zpm2.cores import in_chunks
-from zpm2.local_match.texture import TexturePatches, together
+from zpm2.local_match.texture import covered, together
 from zpm2.model import Image
-from zpm2.verify.content import Array, Bits, Patches, inside, normalised
+from zpm2.verify.content import Array, Bits, Patches, rectified
 
 Flow = NDArray[np.float32]  # (size, size, 2): what is at (x, y) of one patch is at (x, y) + flow of the other, cells
 GREY, STEP = 128.0, 48.0  # of 8-bit patches: the mean, and one standard deviation
@@ -40,21 +40,15 @@ def agreement(
     middle = (bounds[:, :2] + bounds[:, 2:]) / 2
     half = np.maximum((bounds[:, 2:] - bounds[:, :2]).max(1, initial=0.0), size / 2)[:, None]
     box = np.c_[middle - half, middle + half]
-    to_image: tuple[Array, Array] = np.linalg.inv(maps).astype(np.float64), np.tile(np.eye(3), (len(maps), 1, 1))
+    covers = covered(warped, box, size), covered(right, box, size)
 
     def agree(rows: slice) -> list[float]:
-        sides = [
-            TexturePatches(image, shapely.box(*box[rows].T), back[rows], size, max_halvings)
-            for image, back in zip(images, to_image, strict=True)
+        (left, seen), (other, seen_there) = rectified(images, box[rows], maps[rows], config, max_halvings)
+        sides = zip(_grey(left), _grey(other), seen, seen_there, covers[0][rows], covers[1][rows], strict=True)
+        return [
+            _agreement(_flow(there, here, config), _flow(here, there, config), (a, b), (one, two), config)
+            for here, there, a, b, one, two in sides
         ]
-        patches = [_grey(normalised(side.values.reshape(-1, size, size), config)) for side in sides]
-        seen = [side.inside.reshape(-1, size, size) for side in sides]
-        covers = [inside(shapes[rows], box[rows], size) for shapes in (warped, right)]
-        found = []
-        for k, (left, other) in enumerate(zip(*patches, strict=True)):
-            flows = _flow(other, left, config), _flow(left, other, config)
-            found.append(_agreement(*flows, (seen[0][k], seen[1][k]), (covers[0][k], covers[1][k]), config))
-        return found
 
     return np.array([share for found in in_chunks(agree, len(right), together(size)) for share in found], np.float64)
 
