@@ -1,11 +1,18 @@
 """Rows on several cores."""
 
+import os
+import subprocess
+import sys
 import threading
 
+import cv2
 import pytest
 
 from zpm2 import cores
 from zpm2.cores import in_chunks
+
+SPIN = "OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER"
+OWN = {"OMP_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "3", SPIN: "7"}  # a user's own
 
 
 def rows_of(part: slice) -> list[int]:
@@ -54,3 +61,12 @@ def test_usable_cores_are_limited_as_those_of_other_libraries(monkeypatch, given
     most = cores.usable()
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     assert cores.usable() == (expected or most)
+
+
+@pytest.mark.parametrize(("given", "expected"), [({"OMP_NUM_THREADS": "1"}, "1 0"), ({}, "all 0"), (OWN, "3 7")])
+def test_opencv_takes_as_many_threads_and_does_not_spin(given, expected):
+    """In a process of its own, as OpenCV looks at the environment when it is loaded."""
+    script = f"import zpm2, cv2, os; print(cv2.getNumThreads(), os.environ[{SPIN!r}])"
+    plain = {name: value for name, value in os.environ.items() if name not in OWN}
+    done = subprocess.run([sys.executable, "-c", script], env=plain | given, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == expected.replace("all", str(cv2.getNumberOfCPUs())).split()

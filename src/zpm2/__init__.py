@@ -6,9 +6,8 @@
 Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded when first used, so that `import zpm2` is
 quick and loads no network library.
 
-It tells OpenCV about threads, where that is loaded afterwards: to take no more than `OMP_NUM_THREADS`, which it does not
-know, and not to keep cores busy while they wait. `OPENCV_FOR_THREADS_NUM` and `OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER`
-that are set stay.
+OpenCV, where it is loaded afterwards, takes no more threads than `OMP_NUM_THREADS` says, which it does not know by
+itself, and they do not keep cores busy while they wait for work. What the environment already tells OpenCV stays.
 """
 
 import os

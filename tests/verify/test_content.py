@@ -6,7 +6,7 @@ from shapes import square
 
 from zpm2.config import VerifyConfig
 from zpm2.model import Image
-from zpm2.verify.content import correlations, normalised, peaks
+from zpm2.verify.content import CHANNELS, correlations, normalised, peaks
 
 CONFIG = VerifyConfig()
 SIZE = 2 * CONFIG.patch
@@ -113,3 +113,13 @@ def test_light_is_taken_out_of_each_cell():
     middle = CONFIG.light // 2
     expected = (window[middle, middle] - window.mean()) / (window.std() + CONFIG.noise)
     assert found[0, 20 + middle, 30 + middle] == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, CHANNELS + 3])
+def test_patches_are_normalised_one_by_one(count):
+    patches = np.random.default_rng(0).uniform(0, 255, (count, 12, 12)).astype(np.float32)
+    found = normalised(patches, CONFIG)
+    for patch, result in zip(patches, found, strict=True):
+        mean = cv2.blur(patch, (CONFIG.light, CONFIG.light))
+        variance = np.maximum(cv2.blur(patch * patch, (CONFIG.light, CONFIG.light)) - mean * mean, 0)
+        assert np.array_equal(result, (patch - mean) / (np.sqrt(variance) + CONFIG.noise))

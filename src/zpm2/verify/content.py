@@ -20,7 +20,7 @@ from zpm2.model import Image
 Array = NDArray[np.float64]
 Patches = NDArray[np.float32]  # (k, size, size)
 Bits = NDArray[np.bool_]
-CHANNELS = 256  # patches at a time, of the 512 that OpenCV takes as channels of one image
+CHANNELS = 64  # patches at a time, of the 128 that OpenCV takes as channels of one image
 
 
 def peaks(
