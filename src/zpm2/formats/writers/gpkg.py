@@ -16,7 +16,7 @@ def write(result: PairResult, folder: Path) -> None:
 
 def _by_default(result: PairResult) -> bool:
     """Where a photograph is placed on the ground and pyogrio is installed."""
-    return gis.has_pyogrio() and any(layer.crs is not None for layer in layers_of(result))
+    return any(layer.crs is not None for layer in layers_of(result)) and gis.has_pyogrio()  # which takes 0.2 s to load
 
 
 FILES = tuple(NAME + suffix for suffix in ("", *gis.LOG_FILES))
