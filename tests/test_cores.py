@@ -61,6 +61,7 @@ def test_usable_cores_are_limited_as_those_of_other_libraries(monkeypatch, given
     most = cores.usable()
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     assert cores.usable() == (expected or most)
+    assert cores.limit() == (cores.usable() if cores.usable() < os.cpu_count() else None)
 
 
 @pytest.mark.parametrize(("given", "expected"), [({"OMP_NUM_THREADS": "1"}, "1 0"), ({}, "all 0"), (OWN, "3 7")])

@@ -31,6 +31,11 @@ def usable() -> int:
     return max(1, min(given, int(wanted))) if wanted.isdecimal() else given
 
 
+def limit() -> int | None:
+    """The same where that is fewer than the machine has, for libraries that do not know `OMP_NUM_THREADS`."""
+    return usable() if usable() < (os.cpu_count() or 1) else None
+
+
 @functools.lru_cache(1)
 def _pool(process: int, threads: int) -> ThreadPoolExecutor:
     """Of one `process`, as a forked one has no threads."""

@@ -92,6 +92,18 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
             assert ((logits > 0) != (masks[[0, 2], :, :height, :width].numpy() > 0)).mean() < 1e-4
 
 
+@pytest.mark.weights
+@pytest.mark.skipif(find_spec("openvino") is None, reason="openvino is not installed")
+def test_networks_in_openvino_keep_to_the_cores_that_they_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    backend = OpenVinoBackend("mobile_sam", 16, print)
+    parts = backend.image(pixels(2).numpy())
+    _, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
+    backend.mask(tokens, np.array([0]), hyper[:1], (256, 256))
+    every = [network.compiled for kept in backend.networks.values() for network in kept.values()]
+    assert [int(each.get_property("INFERENCE_NUM_THREADS")) for each in every] == [1, 1, 1]
+
+
 FREED_ELSEWHERE = """
 import signal, threading
 import numpy as np

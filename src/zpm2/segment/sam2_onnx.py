@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.config import SegmentConfig
+from zpm2.cores import limit
 from zpm2.errors import WeightsError
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.mask_network import Array, MaskNetwork, Sight
@@ -43,6 +44,7 @@ class Sam2Onnx:
         self.batch = batch
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 3  # errors, which become ours
+        options.intra_op_num_threads = limit() or 0  # 0: as many as it wants
         providers = [CUDA, "CPUExecutionProvider"] if on_gpu else ["CPUExecutionProvider"]
         sessions = []
         for name in ("sam2_tiny_encoder", "sam2_tiny_decoder"):

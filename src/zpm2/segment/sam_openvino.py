@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2 import weights
-from zpm2.cores import in_chunks, usable
+from zpm2.cores import in_chunks, limit, usable
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, rows_of
 from zpm2.segment.sam_input import ENCODER_SIDE
@@ -112,6 +112,8 @@ class OpenVinoBackend:
             options: dict[str, object] = {"INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision}
             if name == "image":
                 options["PERFORMANCE_HINT"] = "LATENCY"
+                if (most := limit()) is not None:
+                    options["INFERENCE_NUM_THREADS"] = most
             else:
                 cores = min(usable(), MOST_CORES)
                 options |= {"NUM_STREAMS": cores, "INFERENCE_NUM_THREADS": cores}
