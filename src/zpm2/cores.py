@@ -32,8 +32,9 @@ def usable() -> int:
 
 
 def limit() -> int | None:
-    """The same where that is fewer than the machine has, for libraries that do not know `OMP_NUM_THREADS`."""
-    return usable() if usable() < (os.cpu_count() or 1) else None
+    """`usable` cores where the machine has more, else None: for libraries that do not know `OMP_NUM_THREADS`."""
+    cores = usable()
+    return cores if cores < (os.cpu_count() or 1) else None
 
 
 @functools.lru_cache(1)

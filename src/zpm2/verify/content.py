@@ -63,11 +63,14 @@ def rectified(
 def normalised(patches: Patches, config: VerifyConfig) -> Patches:
     """Each cell's grey value, less the mean around it, in standard deviations there: light and contrast drop out."""
     result = np.empty_like(patches)
-    for rows in (slice(start, start + CHANNELS) for start in range(0, len(patches), CHANNELS)):
+
+    def normalise(rows: slice) -> None:
         last = np.ascontiguousarray(patches[rows].transpose(1, 2, 0))  # all are blurred at once
         mean = _blurred(last, config.light)
         variance = np.maximum(_blurred(last * last, config.light) - mean * mean, 0)
         result[rows] = ((last - mean) / (np.sqrt(variance) + config.noise)).transpose(2, 0, 1)
+
+    in_chunks(normalise, len(patches), CHANNELS)
     return result
 
 

@@ -44,10 +44,11 @@ def agreement(
 
     def agree(rows: slice) -> list[float]:
         (left, seen), (other, seen_there) = rectified(images, box[rows], maps[rows], config, max_halvings)
-        sides = zip(_grey(left), _grey(other), seen, seen_there, covers[0][rows], covers[1][rows], strict=True)
+        shown = zip(seen, seen_there, strict=True)
+        inside = zip(*(cover[rows] for cover in covers), strict=True)
         return [
-            _agreement(_flow(there, here, config), _flow(here, there, config), (a, b), (one, two), config)
-            for here, there, a, b, one, two in sides
+            _agreement(_flow(there, here, config), _flow(here, there, config), seen_both, inside_both, config)
+            for here, there, seen_both, inside_both in zip(_grey(left), _grey(other), shown, inside, strict=True)
         ]
 
     return np.array([share for found in in_chunks(agree, len(right), together(size)) for share in found], np.float64)
