@@ -69,17 +69,17 @@ class Measured:
         self.matcher.load()
         self.prompts, self.forward = 0, None
         backend, regions = self.segmenter.load(), self.matcher._regions
-        asked, turned_round = backend.prompt, regions.redetect
+        asked, turned_round = backend.masks, regions.redetect
 
-        def prompt(parts: Any, sparse: Any, near: Any = None) -> Any:
+        def masks(parts: Any, sparse: Any, *more: Any) -> Any:
             self.prompts += len(sparse)
-            return asked(parts, sparse, near)
+            return asked(parts, sparse, *more)
 
         def redetect(found: Any, matches: Any, initial: Any) -> Any:
             self.forward = (found.sides(matches, chosen.vectorize), time.perf_counter() - self.start, self.prompts)
             return turned_round(found, matches, initial)
 
-        backend.prompt, regions.redetect = prompt, redetect
+        backend.masks, regions.redetect = masks, redetect
 
     def __call__(self, left: Path, right: Path) -> list[tuple[str, MatchResult, float, int]]:
         """Results with their seconds and prompts: of the whole run, and before it turned round, if it did."""

@@ -55,8 +55,7 @@ class Cut:
         self.backend, self.image = backend, backend.image
 
     def decode(self, parts: Any, points: np.ndarray) -> np.ndarray:
-        _, hyper, tokens = self.backend.prompt(parts, self.backend.embed(points, np.array([1])))
-        return self.backend.mask(tokens, np.arange(len(points)), hyper, (256, 256))
+        return self.backend.masks(parts, self.backend.embed(points, np.array([1])), -np.inf, 0, (256, 256))[2]
 
 
 class OnnxBackend:
@@ -91,11 +90,12 @@ class OnnxBackend:
     def image(self, pixels: np.ndarray) -> list[np.ndarray]:
         return self._run(0, [pixels])
 
-    def prompt(self, parts: list[np.ndarray], sparse: np.ndarray) -> list[np.ndarray]:
-        return self._run(1, [*parts, sparse])
-
-    def mask(self, tokens: np.ndarray, rows: np.ndarray, hyper: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        return self._run(2, [tokens[rows].reshape(-1, 64, 64, 256), hyper])[0][:, :, : size[0], : size[1]]
+    def masks(
+        self, parts: list[np.ndarray], sparse: np.ndarray, least: float, first: int, size: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        iou, hyper, tokens = self._run(1, [*parts, sparse])
+        logits = self._run(2, [tokens.reshape(-1, 64, 64, 256), hyper])[0]
+        return np.arange(len(iou)), iou[:, first:], logits[:, first:, : size[0], : size[1]]
 
 
 def seconds(action: Callable[[], Any]) -> tuple[float, Any]:

@@ -196,4 +196,4 @@ def test_distinct_equals_a_plain_reading(seed: int, n: int) -> None:
         unions = [(logits[i] > 0) | (logits[k] > 0) for k in kept]
         if all(a.sum() <= FULL.nms_iou * b.sum() for a, b in zip(overlaps, unions, strict=True)):
             kept.append(int(i))
-    assert list(without_duplicates(predictions, rank, FULL, view).prompt) == kept
+    assert list(without_duplicates([predictions], rank, FULL, view).prompt) == kept

@@ -85,11 +85,20 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
         masks, iou = decode(sam, sam.image_encoder(picture))
     for backend in (TorchBackend("mobile_sam", 16, "cpu"), OpenVinoBackend("mobile_sam", 16, print)):
         parts = backend.image(picture.numpy())
-        ours_iou, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
-        np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)
+        sparse = backend.embed(POINTS, np.array([1]))
         for height, width in ((256, 256), (78, 256), (256, 101)):
-            logits = backend.mask(tokens, np.array([0, 2]), hyper[[0, 2]], (height, width))
-            assert ((logits > 0) != (masks[[0, 2], :, :height, :width].numpy() > 0)).mean() < 1e-4
+            rows, ours_iou, logits = backend.masks(parts, sparse, -np.inf, 0, (height, width))
+            assert rows.tolist() == list(range(len(POINTS)))
+            np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)
+            assert ((logits > 0) != (masks[:, :, :height, :width].numpy() > 0)).mean() < 1e-4
+        best = iou[:, 1:].max(1).values.numpy()
+        least = float(np.sort(best)[-2:].mean())  # which only the surest prompt reaches
+        rows, ours_iou, logits = backend.masks(parts, sparse, least, 1, (78, 256))
+        assert rows.tolist() == [int(best.argmax())]
+        np.testing.assert_allclose(ours_iou, iou[rows, 1:].numpy(), atol=1e-3)
+        assert ((logits > 0) != (masks[rows, 1:, :78, :256].numpy() > 0)).mean() < 1e-4
+        rows, ours_iou, logits = backend.masks(parts, sparse, 2.0, 1, (78, 256))
+        assert (rows.shape, ours_iou.shape, logits.shape) == ((0,), (0, 3), (0, 3, 78, 256))
 
 
 @pytest.mark.weights
@@ -98,8 +107,7 @@ def test_networks_in_openvino_keep_to_the_cores_that_they_are_given(monkeypatch:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     backend = OpenVinoBackend("mobile_sam", 16, print)
     parts = backend.image(pixels(2).numpy())
-    _, hyper, tokens = backend.prompt(parts, backend.embed(POINTS, np.array([1])))
-    backend.mask(tokens, np.array([0]), hyper[:1], (256, 256))
+    backend.masks(parts, backend.embed(POINTS, np.array([1])), -np.inf, 0, (256, 256))
     every = [network.compiled for kept in backend.networks.values() for network in kept.values()]
     assert [int(each.get_property("INFERENCE_NUM_THREADS")) for each in every] == [1, 1, 1]
 

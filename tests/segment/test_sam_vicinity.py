@@ -163,13 +163,13 @@ def test_large_masks_are_those_that_are_known_or_asked_for_again(
     view, near = views
     prompts, good = Prompts.at(points(view)), MaskThresholds(0.88, 0.95)
     asked = list[int]()
-    ask = near.backend.prompt
+    ask = near.backend.masks
 
-    def counted(parts, sparse, near=None):  # type: ignore[no-untyped-def]
+    def counted(parts, sparse, least, first, size, near=None):  # type: ignore[no-untyped-def]
         asked.append(len(sparse) if near is None else 0)
-        return ask(parts, sparse, near)
+        return ask(parts, sparse, least, first, size, near)
 
-    monkeypatch.setattr(near.backend, "prompt", counted)
+    monkeypatch.setattr(near.backend, "masks", counted)
     alone = near.predict_small(prompts, good, [])
     again = sum(asked)
     assert 0 < again < len(prompts)
@@ -196,12 +196,11 @@ def test_back_ends_agree(views: tuple[SamView, SamView]) -> None:
     torched = TorchBackend("mobile_sam", 16, "cpu")
     parts = tuple(torch.from_numpy(np.asarray(part)) for part in near.parts)
     size = TOKEN_PX * near.vicinity.size[0], TOKEN_PX * near.vicinity.size[1]
-    iou, hyper, tokens = near.backend.prompt(near.parts, sparse, seen)
-    other_iou, other_hyper, other_tokens = torched.prompt(parts, sparse, seen)
+    rows, iou, logits = near.backend.masks(near.parts, sparse, -np.inf, 0, size, seen)
+    other_rows, other_iou, other_logits = torched.masks(parts, sparse, -np.inf, 0, size, seen)
+    assert rows.tolist() == other_rows.tolist() == list(range(6))
     np.testing.assert_allclose(iou, other_iou, atol=1e-3)
-    rows = np.arange(6)
-    masks = near.backend.mask(tokens, rows, hyper, size), torched.mask(other_tokens, rows, other_hyper, size)
-    assert ((masks[0] > 0) != (masks[1] > 0)).mean() < 1e-3
+    assert ((logits > 0) != (other_logits > 0)).mean() < 1e-3
 
 
 @pytest.mark.weights

@@ -96,16 +96,24 @@ def test_overlaps_and_suppression(seed: int, n: int, threshold: float) -> None:
         for target in (targets, torch.from_numpy(targets)):
             assert list(stacks.shared(found.inside, target, of)) == common
             assert np.array_equal(stacks.to_host(stacks.limited(target, rows, to)), limited)
-    assert not len(suppression.suppress_stack(one.logits, one.extent, one.score, threshold, np.arange(0)))
+    assert not len(suppression.suppress_stack([one.logits], one.extent, one.score, threshold, np.arange(0)))
     for some in (np.arange(len(one)), np.arange(1, len(one), 2)):
         part = one[some]
         packed = suppression.pack(part.bits)
         reference = suppression.suppress(packed, part.extent.box, part.extent.area, part.score, threshold)
         for found in (one, other):
-            kept = suppression.suppress_stack(found.logits, found.extent, found.score, threshold, some)
-            assert np.array_equal(kept, some[reference])
-    joined = MaskPredictions.join([one, other, MaskPredictions.none(SIZE)])
+            for parts in ([found.logits], [found.logits[:2], found.logits[2:]]):
+                kept = suppression.suppress_stack(parts, found.extent, found.score, threshold, some)
+                assert np.array_equal(kept, some[reference])
+    parts = [one, other, MaskPredictions.none(SIZE)]
+    joined = MaskPredictions.join(parts)
     assert np.array_equal(joined.bits, np.concatenate([one.bits, one.bits]))
+    count = len(one)
+    for rows in ([2 * count - 1, 0, count, 3, 3], [1, 0], [count + 1, count]):
+        for order in (parts, [other, MaskPredictions.none(SIZE), one]):
+            chosen = MaskPredictions.chosen(order, np.array(rows, np.intp))
+            assert np.array_equal(chosen.bits, joined.bits[rows])
+            assert np.array_equal(chosen.extent.box, joined.extent.box[rows])
 
 
 @settings(max_examples=10, deadline=None)
@@ -203,7 +211,7 @@ def test_fewer_prompts_at_a_time_where_memory_ends() -> None:
         return MaskPredictions(start + np.arange(len(part)), every, every, np.ones((len(part), 8, 8), np.float16))
 
     room = Room(16, notes)
-    found = predicted(prompts, room, answer, (8, 8))
+    found = MaskPredictions.join(predicted(prompts, room, answer, (8, 8)))
     assert list(found.prompt) == list(range(40))
     assert sizes == [16, 8, *[4] * 10]
     assert notes == ["the GPU has little free memory: prompts went to the segmenter 4 at a time"]

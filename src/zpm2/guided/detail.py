@@ -146,15 +146,14 @@ class _Window:
         rows = np.arange(len(accepted.predictions))
         whole = self.uncut(k, dataclasses.replace(accepted.predictions, prompt=rows))
         marked = dataclasses.replace(whole, prompt=np.full(len(whole), ASKED_FOR))
-        return automatic.without_duplicates(marked, accepted.overlap[whole.prompt], self.segment(k), self.views[k])
+        return automatic.without_duplicates([marked], accepted.overlap[whole.prompt], self.segment(k), self.views[k])
 
     def beside(self, k: int, known: Sequence[MaskPredictions], asked: MaskPredictions) -> ViewRegions:
         """Those of the masks `asked` for in image k, best first, that are no known regions."""
-        both = MaskPredictions.join([*known, asked])
-        rank, first = np.arange(len(both), 0.0, -1.0), len(both) - len(asked)
-        marked = dataclasses.replace(both, prompt=np.arange(len(both)))
-        kept = automatic.without_duplicates(marked, rank, self.segment(k), self.views[k])
-        new = kept[kept.prompt >= first]
+        unmarked = [dataclasses.replace(each, prompt=np.full(len(each), KNOWN)) for each in known]
+        rank = np.arange(len(asked) + sum(map(len, known)), 0.0, -1.0)
+        kept = automatic.without_duplicates([*unmarked, asked], rank, self.segment(k), self.views[k])
+        new = kept[kept.prompt != KNOWN]
         return view_regions(self.views[k], new, self.config, len(new))
 
     def uncut(self, k: int, predictions: MaskPredictions) -> MaskPredictions:

@@ -104,7 +104,7 @@ def detect(
     if left is None:
         left = everything(views[0], config, lambda share: progress(share / 2))
     accepted = accepted_masks(views[1], left, initial.forward(), initial.backward(), config)
-    known = automatic.without_duplicates(accepted.predictions, accepted.overlap, segment, views[1])
+    known = automatic.without_duplicates([accepted.predictions], accepted.overlap, segment, views[1])
     segment = _with_blobs(segment, config.guided.right_blobs)
     found = automatic.automatic_masks(views[1], segment, loose, known, lambda share: progress((1 + share) / 2))
     return PromptedPair(left, view_regions(views[1], found, config, len(known)))
@@ -133,9 +133,7 @@ def redetect(
     accepted = accepted_masks(left.view, prompting, initial.backward(), initial.forward(), config)
     n = len(left)
     rank = np.append(2 + np.arange(n, 0.0, -1.0), accepted.overlap)
-    merged = automatic.without_duplicates(
-        MaskPredictions.join([left.predictions, accepted.predictions]), rank, config.segment, left.view
-    )
+    merged = automatic.without_duplicates([left.predictions, accepted.predictions], rank, config.segment, left.view)
     new = view_regions(left.view, merged[np.arange(n, len(merged))], config, len(merged))
     both = ViewRegions(
         left.polygons + [dataclasses.replace(p, id=n + p.id) for p in new.polygons],

@@ -13,7 +13,7 @@ Each prompt predicts a whole, a part and a subpart. A level of quality is a numb
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from zpm2.segment import stacks, suppression
 from zpm2.segment.blobs import blobs, has_data
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import PromptedView, SmallThingsView
+from zpm2.segment.stacks import Extent
 
 Rows = NDArray[np.int64]
 
@@ -56,11 +57,8 @@ def automatic_masks(
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
         found = _predict_selected(view, config, thresholds, known, (data, valid), progress)
-    predictions = MaskPredictions.join([known, *found])
-    del found
-    rank = predictions.score.astype(np.float64)
-    rank[: len(known)] = 2.0 + np.arange(len(known), 0.0, -1.0)
-    return without_duplicates(predictions, rank, config, view)
+    rank = np.concatenate([2.0 + np.arange(len(known), 0.0, -1.0), *(part.score for part in found)])
+    return without_duplicates([known, *found], rank, config, view)
 
 
 def regions(view: PromptedView, config: SegmentConfig, progress: Callable[[float], None]) -> list[Mask]:
@@ -195,16 +193,18 @@ def grid(n: int, size: tuple[int, int]) -> NDArray[np.float64]:
 
 
 def without_duplicates(
-    predictions: MaskPredictions, rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView
+    parts: Sequence[MaskPredictions], rank: NDArray[np.floating], config: SegmentConfig, view: PromptedView
 ) -> MaskPredictions:
-    """One mask per region, highest `rank` (n,) first: of masks that overlap by more than `config.nms_iou`, the one of
-    highest rank. Masks that are too small or too large are dropped."""
-    area = predictions.extent.area
+    """One mask per region, highest `rank` (n,) first: of the masks of all parts that overlap by more than
+    `config.nms_iou`, the one of highest rank. Masks that are too small or too large are dropped."""
+    extent = Extent.join([part.extent for part in parts])
+    area = extent.area
     pixels = area / view.mask_scale**2  # image px^2
     usable = (pixels >= config.min_decoded_area * config.min_area) & (area > 0)
     usable &= pixels <= config.max_area * view.image.width * view.image.height
     rows = np.flatnonzero(usable)
-    return predictions[suppression.suppress_stack(predictions.logits, predictions.extent, rank, config.nms_iou, rows)]
+    logits = [part.logits for part in parts]
+    return MaskPredictions.chosen(parts, suppression.suppress_stack(logits, extent, rank, config.nms_iou, rows))
 
 
 def _finest_around(predictions: MaskPredictions, row: NDArray[np.int64], column: NDArray[np.int64]) -> Rows:

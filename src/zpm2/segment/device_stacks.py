@@ -15,10 +15,16 @@ PACKED_PX = 1 << 16  # pixels from which on bits cross packed
 
 
 def to_host(*tensors: Tensor) -> list[NDArray[np.generic]]:
-    """As arrays: all together, through pinned memory. The only way from a device to the host."""
+    """As arrays: all together, through pinned memory. The only way from a device to the host.
+
+    The thread sleeps until they are there: to look again and again takes a core from the other processes that share
+    the GPU.
+    """
     copies = [tensor.to("cpu", non_blocking=True) for tensor in tensors]
     if tensors[0].is_cuda:
-        torch.cuda.current_stream(tensors[0].device).synchronize()
+        there = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
+        there.record(torch.cuda.current_stream(tensors[0].device))
+        there.synchronize()
     return [copy.numpy() for copy in copies]
 
 
@@ -41,6 +47,13 @@ def join(stacks: Sequence[Stack]) -> Tensor:
     """One after the other."""
     device = next(stack.device for stack in stacks if not isinstance(stack, np.ndarray))
     return torch.cat([on(stack, device) if isinstance(stack, np.ndarray) else stack for stack in stacks])
+
+
+def chosen(stacks: Sequence[Stack], of: Rows, rows: Rows) -> Tensor:
+    """Row `rows[k]` (n,) of stack `of[k]`; one of the stacks that these are of is on a device."""
+    parts = [(stacks[k], rows[of == k]) for k in np.unique(of)]
+    found = join([stack[at] if isinstance(stack, np.ndarray) else take(stack, at) for stack, at in parts])
+    return take(found, np.argsort(np.argsort(of, kind="stable"), kind="stable"))
 
 
 def counts(bits: Tensor) -> Counts:

@@ -53,8 +53,8 @@ def with_families(
     rows = zip(found.prompt, found.bits, strict=True)
     fits = np.array([places.overlap(row, bits, known) for row, bits in rows], float)
     good = found[fits >= config.family.min_overlap]
-    both = MaskPredictions.join([predictions, good])
-    return automatic.without_duplicates(both, np.arange(len(both), 0.0, -1.0), config, view)
+    rank = np.arange(len(predictions) + len(good), 0.0, -1.0)
+    return automatic.without_duplicates([predictions, good], rank, config, view)
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,8 @@ class NetworkView(MaskView, Generic[Encoded]):
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`."""
-        return predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        found = predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
+        return MaskPredictions.join(found)
 
     def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
         points = np.asarray(prompts.points * self.scale, np.float32)

@@ -90,7 +90,7 @@ def is_out_of_memory(error: RuntimeError) -> bool:
 
 def predicted(
     prompts: Prompts, room: Room, predict: Callable[[Prompts, int], MaskPredictions], size: tuple[int, int]
-) -> MaskPredictions:
+) -> list[MaskPredictions]:
     """What `predict` says to prompts, as many at a time as there is `room` for. It gets these and the row of the first;
     `size` is that of a decoded mask."""
     found, start = [MaskPredictions.none(size)], 0
@@ -101,7 +101,7 @@ def predicted(
             start += len(part)
         except RuntimeError as error:
             room.halve(error)
-    return MaskPredictions.join(found)
+    return found
 
 
 def settled(

@@ -99,9 +99,7 @@ class MaskPredictions:
         if len(parts) == 1:
             return parts[0]
         known = [part.measured for part in parts if part.measured is not None]
-        measured = None
-        if len(known) == len(parts):
-            measured = Extent(np.concatenate([k.area for k in known]), np.concatenate([k.box for k in known]))
+        measured = Extent.join(known) if len(known) == len(parts) else None
         return MaskPredictions(
             np.concatenate([p.prompt for p in parts]),
             np.concatenate([p.score for p in parts]),
@@ -115,7 +113,11 @@ class MaskPredictions:
         """The masks `rows` of `join(parts)`, of which no others are copied."""
         ends = np.cumsum([len(part) for part in parts])
         of = np.searchsorted(ends, rows, side="right")
-        order = np.argsort(of, kind="stable")
-        used = np.unique(of) if len(of) else [0]
-        every = [parts[k][rows[of == k] - (ends[k] - len(parts[k]))] for k in used]
-        return MaskPredictions.join(every)[np.argsort(order, kind="stable")]
+        first = ends - [len(part) for part in parts]
+        return MaskPredictions(
+            np.concatenate([part.prompt for part in parts])[rows],
+            np.concatenate([part.score for part in parts])[rows],
+            np.concatenate([part.stability for part in parts])[rows],
+            stacks.chosen([part.logits for part in parts], of, rows - first[of]),
+            Extent.join([part.extent for part in parts])[rows],
+        )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zpm2.segment.sam_padding import GRID, ThinnedTokens
 from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens
-from zpm2.segment.stacks import Stack
+from zpm2.segment.stacks import Rows, Stack
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -21,7 +21,7 @@ WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l
 
 
 class SamBackend(Protocol):
-    """The three networks of `sam_network`, arrays in and arrays out. Only `prompt` and `tokens` read what `image`
+    """The three networks of `sam_network`, arrays in and arrays out. Only `masks` and `tokens` read what `image`
     returns."""
 
     name: str
@@ -39,19 +39,32 @@ class SamBackend(Protocol):
     def tokens(self, parts: Opaque) -> Array:
         """What `image` returned -> (N, 256) image tokens: the encoder's embedding, off by the vector of "no mask"."""
 
-    def prompt(self, parts: Opaque, sparse: Array, near: NearTokens | None = None) -> tuple[Array, Stack, Opaque]:
-        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), opaque image tokens: all that
-        the view has, or those that are `near` each prompt."""
+    def masks(
+        self,
+        parts: Opaque,
+        sparse: Array,
+        least: float,
+        first: int,
+        size: tuple[int, int],
+        near: NearTokens | None = None,
+    ) -> tuple[Rows, Array, Stack]:
+        """The masks of embedded prompts (B, P, 256), which see all image tokens of the view, or those `near` each.
 
-    def mask(self, tokens: Opaque, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
-        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width), of
-        `size` (height, width) px of a decoded mask; the padding beyond it is not decoded."""
+        Returns the rows (b,) of the prompts with a predicted IoU of `least` or more, and the predicted IoU (b, M) and
+        logits (b, M, height, width) of all their masks from the mask `first` (0..3) on. These are of `size` (height,
+        width) px of a decoded mask; the padding beyond it is not decoded.
+        """
 
 
 def rows_of(parts: "Sequence[Tokens]", rows: Any) -> "list[Tokens]":
     """What `ImageNetwork` returns of each image token, of some of them."""
     keys, k, v, q, position = parts
     return [keys[rows], k[:, :, rows], v[:, rows], q[rows], position[rows]]
+
+
+def promising(iou: Array, least: float) -> Rows:
+    """Rows of prompts with a predicted IoU (B, M) of `least` or more."""
+    return np.flatnonzero((iou >= least).any(1))
 
 
 def of_photograph(tokens: Tokens, size: tuple[int, int]) -> Tokens:

@@ -16,16 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zpm2 import weights
 from zpm2.cores import in_chunks, limit, usable
 from zpm2.runtime import mark_networks_loaded
-from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, rows_of
+from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, promising, rows_of
 from zpm2.segment.sam_input import ENCODER_SIDE
 from zpm2.segment.sam_padding import ThinnedTokens
-from zpm2.segment.sam_vicinity import NearTokens
-from zpm2.segment.stacks import Stack
+from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens
+from zpm2.segment.stacks import Rows
 
 if TYPE_CHECKING:
     from openvino import CompiledModel, Core, InferRequest
@@ -39,6 +38,7 @@ PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as Open
 # prompts at a time on one core, that see all tokens and that see what is near: those that take the least time each
 FAR_BATCH, NEAR_BATCH = 1, 2
 MOST_CORES = 8  # that answer at a time: as many as 16 prompts have parts; each takes 7 to 14 MB for a network
+MASKS, HYPER = 4, 32  # masks of a prompt, and weights of each
 TOKEN_AXES = (0, 2, 1, 0, 0)  # of the parts that `sam_network.ImageNetwork` returns
 ANY = -1  # image tokens that one network takes, where all are seen: a photograph's shape says how many
 KEPT = 6  # networks of a graph that stay compiled; one takes some 60 MB, and 0.1 s to compile
@@ -100,7 +100,6 @@ class OpenVinoBackend:
             self.embed = PromptEmbedding(**arrays)
         self.core = openvino_core()
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
-        self._tokens: Array = np.empty(0, np.float32)
         # of each graph, by the shapes that it takes (-1: any), the latest used last
         self.networks: dict[str, OrderedDict[Shapes, _Network]] = {name: OrderedDict() for name in NETWORKS}
 
@@ -142,48 +141,47 @@ class OpenVinoBackend:
     def tokens(self, parts: list[Array]) -> Array:
         return np.asarray(parts[0])
 
-    def prompt(self, parts: list[Array], sparse: Array, near: NearTokens | None = None) -> tuple[Array, Array, Array]:
-        """The image tokens lie in the backend's own memory, until it is asked again."""
+    def masks(
+        self,
+        parts: list[Array],
+        sparse: Array,
+        least: float,
+        first: int,
+        size: tuple[int, int],
+        near: NearTokens | None = None,
+    ) -> tuple[Rows, Array, Array]:
+        """A core decodes masks as soon as it has answered their prompts: their image tokens are still in its cache."""
         self._rest("image")
-        seen, channels = len(parts[0]) if near is None else near.rows.shape[1], parts[0].shape[1]
-        if self._tokens.size < len(sparse) * seen * channels:
-            self._tokens = np.empty(len(sparse) * seen * channels, np.float32)
-        tokens = self._tokens[: len(sparse) * seen * channels].reshape(len(sparse), seen, channels)
-        iou, hyper = np.empty((len(sparse), 4), np.float32), np.empty((len(sparse), 4, 32), np.float32)
+        seen = len(parts[0]) if near is None else near.rows.shape[1]
         batch = FAR_BATCH if near is None else NEAR_BATCH
         shapes = _shapes(parts, ANY) if near is None else [(batch, *shape) for shape in _shapes(parts, seen)]
-        network = self._network("prompt" if near is None else "near", *shapes, (batch, *sparse.shape[1:]))
+        prompting = self._network("prompt" if near is None else "near", *shapes, (batch, *sparse.shape[1:]))
+        count = MASKS - first
+        high, wide = (-(-side // TOKEN_PX) for side in size)
+        decoding = self._network("mask", (1, high, wide, parts[0].shape[1]), (1, count, HYPER))
+        iou, logits = np.empty((len(sparse), count), np.float32), np.empty((len(sparse), count, *size), np.float32)
 
         def answer(part: slice) -> None:
             rows = np.minimum(np.arange(part.start, part.start + batch), part.stop - 1)  # the last one fills it up
-            with network.request() as request:
+            with prompting.request() as request:
                 if near is None:
                     inputs = [*parts, sparse[rows]]
                 else:
                     inputs = None
                     _gather(parts, near[rows], sparse[rows], [tensor.data for tensor in request.input_tensors])
-                found = request.infer(inputs, share_inputs=True, share_outputs=True)
-                for every, some in zip((iou, hyper, tokens), found.values(), strict=True):
-                    every[part] = some[: part.stop - part.start]
+                found = request.infer(inputs, share_inputs=True, share_outputs=True).values()
+                every, hyper, tokens = (each[: part.stop - part.start] for each in found)
+                iou[part] = every[:, first:]
+                with decoding.request() as decoder:
+                    for row in promising(iou[part], least):
+                        these = np.ascontiguousarray(of_photograph(tokens[row : row + 1], size))
+                        weights = np.ascontiguousarray(hyper[row : row + 1, first:])
+                        (decoded,) = decoder.infer([these, weights], share_inputs=True, share_outputs=True).values()
+                        logits[part.start + row] = decoded[0, :, : size[0], : size[1]]
 
         in_chunks(answer, len(sparse), batch)
-        return iou, hyper, tokens
-
-    def mask(self, tokens: Array, rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Array:
-        """One prompt at a time on a core: as fast as together, and its image tokens are not copied."""
-        assert isinstance(hyper, np.ndarray)
-        logits = np.empty((len(rows), hyper.shape[1], *size), np.float32)
-        network = self._network("mask", of_photograph(tokens[:1], size).shape, hyper[:1].shape)
-
-        def decode(one: slice) -> None:
-            (row,) = rows[one]
-            seen = np.ascontiguousarray(of_photograph(tokens[row : row + 1], size))
-            with network.request() as request:
-                found = request.infer([seen, hyper[one]], share_inputs=True, share_outputs=True)
-                logits[one] = found[0][:, :, : size[0], : size[1]]
-
-        in_chunks(decode, len(rows), 1)
-        return logits
+        good = promising(iou, least)
+        return good, iou[good], logits if len(good) == len(logits) else logits[good]
 
 
 def _shapes(parts: list[Array], tokens: int) -> list[tuple[int, ...]]:

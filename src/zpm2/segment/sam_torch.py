@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from zpm2.segment.sam_backend import Array, of_photograph, rows_of
+from zpm2.segment import stacks
+from zpm2.segment.sam_backend import Array, of_photograph, promising, rows_of
 from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
 from zpm2.segment.sam_padding import ThinnedTokens
 from zpm2.segment.sam_vicinity import NearTokens
-from zpm2.segment.stacks import Stack
+from zpm2.segment.stacks import Rows, Stack
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -74,9 +75,26 @@ class TorchBackend:
     def tokens(self, parts: "tuple[Tensor, ...]") -> Array:
         return np.asarray(parts[0].float().cpu().numpy())
 
+    def masks(
+        self,
+        parts: "tuple[Tensor, ...]",
+        sparse: Array,
+        least: float,
+        first: int,
+        size: tuple[int, int],
+        near: NearTokens | None = None,
+    ) -> tuple[Rows, Array, Stack]:
+        iou, hyper, tokens = self.prompt(parts, sparse, near)
+        iou, hyper = iou[:, first:], hyper[:, first:]
+        rows = promising(iou, least)
+        if not len(rows):
+            return rows, iou[rows], np.zeros((0, iou.shape[1], *size), np.float32)
+        return rows, iou[rows], self.mask(tokens, rows, stacks.take(hyper, rows), size)
+
     def prompt(
         self, parts: "tuple[Tensor, ...]", sparse: Array, near: NearTokens | None = None
     ) -> "tuple[Array, Stack, Tensor]":
+        """Embedded prompts (B, P, 256) -> predicted IoU (B, 4), mask weights (B, 4, 32), image tokens."""
         with self.torch.inference_mode():
             if near is not None:
                 keys, k, v, *others = rows_of(parts[:-1], self._to(near.rows))
@@ -86,6 +104,7 @@ class TorchBackend:
             return np.asarray(self.to_host(iou.float())[0], np.float32), self._out(hyper), tokens
 
     def mask(self, tokens: "Tensor", rows: NDArray[np.intp], hyper: Stack, size: tuple[int, int]) -> Stack:
+        """Image tokens of the prompts `rows` and their mask weights (b, M, 32) -> logits (b, M, height, width)."""
         weights = self._to(hyper).to(self.dtype) if isinstance(hyper, np.ndarray) else hyper
         with self.torch.inference_mode():
             logits = self.decoder(of_photograph(tokens[self._to(rows)], size), weights)

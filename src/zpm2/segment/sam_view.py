@@ -62,7 +62,7 @@ class SamView(MaskView):
         """
         if (prompts.labels >= CORNER).any():
             return self.predict_small(prompts, thresholds, [])
-        return self._predict_whole(prompts, thresholds)
+        return MaskPredictions.join(self._predict_whole(prompts, thresholds))
 
     def predict_small(
         self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
@@ -74,7 +74,7 @@ class SamView(MaskView):
         """
         vicinity = self.vicinity
         if vicinity is None or not len(prompts):
-            return self._predict_whole(prompts, thresholds)
+            return MaskPredictions.join(self._predict_whole(prompts, thresholds))
         points = prompts.points * self.mask_scale
         origins, held = vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
         near, again = np.flatnonzero(held), [np.flatnonzero(~held)]
@@ -89,10 +89,14 @@ class SamView(MaskView):
         rest = np.sort(np.concatenate(again))
         whole = self._predict_whole(prompts[rest], thresholds)
         return MaskPredictions.join(
-            [dataclasses.replace(each, prompt=rows[each.prompt]) for each, rows in ((first, near), (whole, rest))]
+            [
+                dataclasses.replace(part, prompt=rows[part.prompt])
+                for parts, rows in ((first, near), (whole, rest))
+                for part in parts
+            ]
         )
 
-    def _predict_whole(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
+    def _predict_whole(self, prompts: Prompts, thresholds: MaskThresholds) -> list[MaskPredictions]:
         """The masks of prompts that see the whole photograph."""
 
         def predict(part: Prompts, start: int) -> MaskPredictions:
@@ -162,14 +166,9 @@ class SamView(MaskView):
         (m, M, height, width); None where no prompt has one."""
         first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
         sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
-        with NETWORK_LOCK:  # outputs lie in the network's own memory, until it runs again
-            iou, hyper, tokens = self.backend.prompt(self.parts, sparse, near)
-            iou, hyper = iou[:, first:], hyper[:, first:]
-            rows = np.flatnonzero((iou >= thresholds.predicted_iou).any(1))
-            if len(rows) == 0:
-                return None
-            logits = self.backend.mask(tokens, rows, stacks.take(hyper, rows), size)
-            return rows, iou[rows], logits
+        with NETWORK_LOCK:
+            rows, iou, logits = self.backend.masks(self.parts, sparse, thresholds.predicted_iou, first, size, near)
+        return (rows, iou, logits) if len(rows) else None
 
     def _settled(
         self, rows: NDArray[np.intp], iou: NDArray[np.float32], logits: Stack, thresholds: MaskThresholds

@@ -37,6 +37,11 @@ class Extent:
     def __getitem__(self, rows: Rows | Bits) -> "Extent":
         return Extent(self.area[rows], self.box[rows])
 
+    @staticmethod
+    def join(parts: "Sequence[Extent]") -> "Extent":
+        """One after the other."""
+        return Extent(np.concatenate([part.area for part in parts]), np.concatenate([part.box for part in parts]))
+
 
 def to_host(bits: BitStack) -> Bits:
     """As an array."""
@@ -61,6 +66,19 @@ def take(stack: Stack, rows: Rows) -> Stack:
     from zpm2.segment import device_stacks
 
     return device_stacks.take(stack, rows)
+
+
+def chosen(stacks: Sequence[Stack], of: Rows, rows: Rows) -> Stack:
+    """Row `rows[k]` (n,) of stack `of[k]`. Nothing else is copied."""
+    if not all(isinstance(stacks[k], np.ndarray) for k in np.unique(of)):
+        from zpm2.segment import device_stacks
+
+        return device_stacks.chosen(stacks, of, rows)
+    like = stacks[of[0] if len(of) else 0]
+    result = np.empty((len(rows), *like.shape[1:]), np.float16)
+    for canvas, k, row in zip(result, of, rows, strict=True):
+        canvas[:] = stacks[k][row]
+    return result
 
 
 def join(stacks: Sequence[Stack]) -> Stack:

@@ -34,18 +34,21 @@ def suppress(
     return _kept(leaders(packed, box, area, score, threshold), score)
 
 
-def suppress_stack(logits: Stack, extent: Extent, score: NDArray[np.floating], threshold: float, rows: Rows) -> Rows:
-    """`suppress` of the masks `rows` of a stack by their logits, where these are: a device compares all pairs at
-    once."""
+def suppress_stack(
+    logits: Sequence[Stack], extent: Extent, score: NDArray[np.floating], threshold: float, rows: Rows
+) -> Rows:
+    """`suppress` of the masks `rows` of some stacks, one after the other, by their logits, where these are: a device
+    compares all pairs at once."""
     extent, score = extent[rows], score[rows]
     if not len(rows):
         return rows
-    if not isinstance(logits, np.ndarray):
+    if not all(isinstance(stack, np.ndarray) for stack in logits):
         from zpm2.segment import device_stacks
 
-        alike = device_stacks.alike(device_stacks.take(logits, rows), extent.area, threshold)
+        every = device_stacks.take(device_stacks.join(logits), rows)
+        alike = device_stacks.alike(every, extent.area, threshold)
         return rows[_kept(_greedy(score, lambda i, free: np.flatnonzero(alike[i] & free)), score)]
-    parts = (logits[k : k + WORDS_CHUNK] for k in range(0, len(logits), WORDS_CHUNK))
+    parts = (stack[k : k + WORDS_CHUNK] for stack in logits for k in range(0, len(stack), WORDS_CHUNK))
     packed = np.concatenate([pack(stacks.to_host(stacks.inside(part))) for part in parts])[rows]
     return rows[suppress(packed, extent.box, extent.area, score, threshold)]
 
