@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -9,6 +10,7 @@ from painted import PaintedView, Region, blank
 
 from zpm2.config import FamilyConfig, SegmentConfig
 from zpm2.model import Image
+from zpm2.segment import family
 from zpm2.segment.family import with_families
 from zpm2.segment.predictions import MaskPredictions, MaskThresholds, Prompts
 
@@ -145,6 +147,26 @@ def test_how_many_regions_are_correlated_at_a_time_changes_nothing(monkeypatch: 
     for other in found[1:]:
         assert np.array_equal(found[0].logits, other.logits)
         assert np.array_equal(found[0].prompt, other.prompt)
+
+
+@pytest.mark.parametrize("size", [(9, 14), (30, 21)])
+def test_correlation_equals_that_of_all_channels_at_once(size: tuple[int, int]) -> None:
+    """The reference: OpenCV's, which takes longer, and each place by itself."""
+    rng = np.random.default_rng(3)
+    rgb = cv2.GaussianBlur(rng.integers(0, 256, (60, 80, 3), np.uint8), (0, 0), 2)
+    rgb[:25, 40:] = 90
+    low = np.array([7, 5])
+    found = family._Photograph.of(rgb).correlation(low, low + size)
+    lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)
+    part = lab[low[1] : low[1] + size[1], low[0] : low[0] + size[0]]
+    reference = cv2.matchTemplate(lab, part, cv2.TM_CCOEFF_NORMED)
+    flat = np.zeros(reference.shape, bool)
+    flat[: max(0, 25 - size[1] + 1), 40:] = True
+    np.testing.assert_allclose(found[~flat], reference[~flat], atol=2e-3)
+    assert not found[flat].any()  # the reference divides nothing by nothing there
+    for y, x in ((0, 0), (20, 30), (5, 7)):
+        one, other = ((p - p.mean((0, 1))).ravel() for p in (part, lab[y : y + size[1], x : x + size[0]].astype(float)))
+        assert found[y, x] == pytest.approx(one @ other / np.sqrt((one @ one) * (other @ other)), abs=1e-4)
 
 
 def test_elements_hold_one_of_the_pixels() -> None:

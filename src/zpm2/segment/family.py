@@ -92,9 +92,7 @@ def _repetitions(
     """Where the regions (n, height, width) repeat, in their order, up to the budget. Places where a region of that size
     is known already, or whose box has none of the pixels `holding`, are left out."""
     height, width = view.size
-    lab = cv2.cvtColor(
-        cv2.resize(view.image.rgb, (FINE * width, FINE * height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2LAB
-    )
+    photograph = _Photograph.of(cv2.resize(view.image.rgb, (FINE * width, FINE * height), interpolation=cv2.INTER_AREA))
     known = _Known(bits)
     sides = known.box[:, 2:] - known.box[:, :2]
     seeds, shifts = [], []
@@ -102,7 +100,7 @@ def _repetitions(
     rows = np.flatnonzero((sides.min(1) >= config.min_side) & (sides.max(1) <= config.max_side * max(view.size)))
     while len(rows := rows[~known.taken[rows]]) and tries > 0 and budget > 0:
         some, rows = np.split(rows, [min(SEEDS, tries)])
-        for seed, at in zip(some, _peaks(lab, known.box[some], config), strict=True):
+        for seed, at in zip(some, _peaks(photograph, known.box[some], config), strict=True):
             if known.taken[seed] or budget <= 0:
                 continue
             tries -= 1
@@ -132,26 +130,67 @@ class _Known:
         """Those of `shifts` (m, 2) where region `seed` would be new and its box has a pixel `holding`. The regions that
         it meets at the others are taken from now on."""
         free = []
-        for shift in shifts:
-            element = _moved(self.bits[seed], shift)
+        for x, y in shifts:
+            x0, y0, x1, y1 = np.clip(self.box[seed] + [x, y, x, y], 0, self.bits.shape[:0:-1] * 2)
+            element = self.bits[seed, y0 - y : y1 - y, x0 - x : x1 - x]
             if 2 * np.count_nonzero(element) < self.area[seed]:  # mostly outside of the view
                 continue
-            same = self._same(element, overlap)
+            same = self._same(element, np.s_[y0:y1, x0:x1], overlap)
             self.taken[same] = True
-            x0, y0, x1, y1 = np.maximum(self.box[seed] + np.tile(shift, 2), 0)
             if not len(same) and holding[y0:y1, x0:x1].any():
-                free.append(shift)
+                free.append(np.array([x, y]))
         return free
 
-    def _same(self, mask: NDArray[np.bool_], overlap: float) -> NDArray[np.intp]:
-        """Rows of the regions whose IoU with a mask (height, width) is at least `overlap`."""
-        n = np.count_nonzero(mask)
+    def _same(self, element: NDArray[np.bool_], there: tuple[slice, slice], overlap: float) -> NDArray[np.intp]:
+        """Rows of the regions whose IoU with the `element`, whose pixels are these, is at least `overlap`."""
+        n = np.count_nonzero(element)
         near = np.flatnonzero(np.minimum(self.area, n) >= overlap * np.maximum(self.area, n))
-        shared = self.bits[near][:, mask].sum(1)
+        shared = (self.bits[near, *there] & element).sum((1, 2))
         return near[shared >= overlap * (self.area[near] + n - shared)]
 
 
-def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig) -> list[NDArray[np.int64]]:
+@dataclass(frozen=True, eq=False)
+class _Photograph:
+    """A photograph (h, w) whose parts are correlated with all of it, in Lab."""
+
+    channels: list[NDArray[np.uint8]]  # three (h, w)
+    sums: list[NDArray[np.float64]]  # (h + 1, w + 1) of each, over all rows and columns before
+    squares: NDArray[np.float64]  # (h + 1, w + 1) of all three together
+
+    @staticmethod
+    def of(rgb: NDArray[np.uint8]) -> "_Photograph":
+        lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)
+        sums, squares = cv2.integral2(lab)
+        return _Photograph(list(cv2.split(lab)), [each.astype(float) for each in cv2.split(sums)], squares.sum(2))
+
+    @property
+    def size(self) -> NDArray[np.int64]:
+        """(2,) width and height."""
+        return np.array(self.channels[0].shape[::-1])
+
+    def correlation(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(h - y1 + y0 + 1, w - x1 + x0 + 1) normalised correlation coefficient, -1..1, of the part from `low` (x0, y0)
+        to `high` (x1, y1) with that from each place on; 0 where either has no contrast."""
+        (x, y), (w, h) = low, high - low
+        parts = (each[y : y + h, x : x + w] for each in self.channels)
+        # one channel at a time: several take OpenCV more than twice as long
+        covariance = sum(
+            cv2.matchTemplate(each, part, cv2.TM_CCOEFF) for each, part in zip(self.channels, parts, strict=True)
+        )
+        variance = _windows(self.squares, w, h)
+        for each in self.sums:
+            variance -= _windows(each, w, h) ** 2 / (w * h)
+        both = np.sqrt(np.maximum(variance * variance[y, x], 0))
+        return np.divide(covariance, both, out=np.zeros_like(both), where=both >= 1)  # grey values are whole numbers
+
+
+def _windows(integral: NDArray[np.float64], width: int, height: int) -> NDArray[np.float64]:
+    """The sums over all windows of a size, of what `integral` sums up."""
+    lines = integral[height:] - integral[:-height]
+    return np.asarray(lines[:, width:] - lines[:, :-width])
+
+
+def _peaks(photograph: _Photograph, box: NDArray[np.int64], config: FamilyConfig) -> list[NDArray[np.int64]]:
     """For each box (n, 4), px of a decoded mask: how far (m, 2), x, y, the photograph in it, with a margin, is found
     elsewhere, nearest first."""
 
@@ -159,11 +198,10 @@ def _peaks(lab: NDArray[np.uint8], box: NDArray[np.int64], config: FamilyConfig)
         (corners,) = box[one]
         margin = round(config.margin * FINE * int((corners[2:] - corners[:2]).min()))
         low = np.maximum(FINE * corners[:2] - margin, 0)
-        high = np.minimum(FINE * corners[2:] + margin, lab.shape[1::-1])
-        template = lab[low[1] : high[1], low[0] : high[0]]
-        correlation = np.nan_to_num(cv2.matchTemplate(lab, template, cv2.TM_CCOEFF_NORMED), posinf=0.0, neginf=0.0)
-        correlation = np.rint(correlation * 1000)  # OpenCV's last bits depend on where arrays lie in memory
-        window = np.ones((template.shape[0] | 1, template.shape[1] | 1), np.uint8)
+        high = np.minimum(FINE * corners[2:] + margin, photograph.size)
+        # OpenCV's last bits depend on where arrays lie in memory
+        correlation = np.rint(photograph.correlation(low, high) * 1000).astype(np.float32)
+        window = np.ones((high - low)[::-1] | 1, np.uint8)
         peak = (correlation == cv2.dilate(correlation, window)) & (correlation >= 1000 * config.min_correlation)
         row, column = np.nonzero(peak)
         shift = np.rint((np.c_[column, row] - low) / FINE).astype(np.int64)
