@@ -15,16 +15,10 @@ PACKED_PX = 1 << 16  # pixels from which on bits cross packed
 
 
 def to_host(*tensors: Tensor) -> list[NDArray[np.generic]]:
-    """As arrays: all together, through pinned memory. The only way from a device to the host.
-
-    The thread sleeps until they are there: to look again and again takes a core from the other processes that share
-    the GPU.
-    """
+    """As arrays: all together, through pinned memory. The only way from a device to the host."""
     copies = [tensor.to("cpu", non_blocking=True) for tensor in tensors]
     if tensors[0].is_cuda:
-        there = torch.cuda.Event(blocking=True)  # type: ignore[no-untyped-call]
-        there.record(torch.cuda.current_stream(tensors[0].device))
-        there.synchronize()
+        torch.cuda.current_stream(tensors[0].device).synchronize()
     return [copy.numpy() for copy in copies]
 
 
