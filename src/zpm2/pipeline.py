@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from zpm2 import config as configuration
 from zpm2 import estimate, memory
 from zpm2.config import Config
 from zpm2.features import METHODS, PointMatcher, check_methods, weights_notes
-from zpm2.global_match import InitialGeometry, locate, search_candidates
+from zpm2.global_match import InitialGeometry, PyramidLocations, locate, search_candidates
 from zpm2.global_match.messages import geometry_warnings, location_notes
 from zpm2.global_match.pair_points import PointFinder
 from zpm2.guided.regions import PairRegions, RegionFinder, no_matches
@@ -127,12 +129,11 @@ class PairMatcher:
             sure, rejected = self._judged(problem, matches)
         if found.prompted is not None and config.segment.detail.level != "off":
             with timer("detail"):
-                before = problem
 
                 def match(more: PairRegions) -> Sequence[PolygonMatch]:
                     nonlocal found, problem, sure, rejected
                     found = more
-                    problem, matches = self._match(more, before)
+                    problem, matches = self._match(more, problem)
                     sure, rejected = self._judged(problem, matches)
                     return sure
 
@@ -182,7 +183,7 @@ class PairMatcher:
 
     def _match(self, found: PairRegions, before: MatchProblem) -> tuple[MatchProblem, Sequence[PolygonMatch]]:
         """The matches of regions, and what they were decided from. Pairs that the problem `before` had are known."""
-        problem = self._locate(found, before.initial)
+        problem = self._locate(found, before.initial, before)
         problem = replace(problem, known=before.known, evidence=before.evidence)
         return problem, match_polygons(problem, self.config.local_match)
 
@@ -192,10 +193,17 @@ class PairMatcher:
         own = all(isinstance(segmenter, PolygonSource) for segmenter in self._regions.load())
         return judged(verified(problem, matches, matches, config), config, own)
 
-    def _locate(self, found: PairRegions, initial: InitialGeometry) -> MatchProblem:
-        """The left polygons, located in the right image, and their candidates."""
+    def _locate(self, found: PairRegions, initial: InitialGeometry, before: MatchProblem | None = None) -> MatchProblem:
+        """The left polygons, located in the right image, and their candidates. The first ones may be those of the
+        problem `before`, which are located already."""
         config, polygons = self.config.global_match, found.polygons
-        locations = locate(*found.images, polygons[0].centers, initial, config)
+        centers = polygons[0].centers
+        known = 0 if before is None else len(before.polygons[0].centers)
+        if before is None or not np.array_equal(centers[:known], before.polygons[0].centers):
+            locations = locate(*found.images, centers, initial, config)
+        else:
+            more = locate(*found.images, centers[known:], initial, config)
+            locations = PyramidLocations.join(before.locations, more)
         candidates = search_candidates(*polygons, locations, config)
         return MatchProblem(found.images, polygons, initial, locations, candidates, found.guided_prior)
 

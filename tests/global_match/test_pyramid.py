@@ -8,7 +8,7 @@ from planes import carried, fundamental, image, known, texture, translation, tur
 
 from zpm2 import geometry
 from zpm2.config import GlobalConfig
-from zpm2.global_match import locate, reference
+from zpm2.global_match import PyramidLocations, locate, reference
 from zpm2.global_match.pyramid import correlate, level_count, sample_templates, subpixel_peaks
 
 CONFIG = GlobalConfig()
@@ -206,3 +206,18 @@ def test_chunks_do_not_show(monkeypatch):
     parts = locate(*images, grid(), initial, CONFIG)
     assert parts.centers == pytest.approx(whole.centers, abs=1e-9)
     assert np.array_equal(parts.found, whole.found)
+
+
+@pytest.mark.parametrize("first", [0, 1, 7])
+def test_some_after_the_others_are_where_all_are_together(first):
+    truth, initial = translation(4.0, 2.0), known(h=translation(2.0, 1.0))
+    images = pair(truth)
+    whole = locate(*images, grid(), initial, CONFIG)
+    parts = (locate(*images, centers, initial, CONFIG) for centers in (grid()[:first], grid()[first:]))
+    joined = PyramidLocations.join(*parts)
+    assert joined.centers == pytest.approx(whole.centers, abs=1e-9)
+    assert joined.correlation == pytest.approx(whole.correlation, abs=1e-6)
+    assert np.array_equal(joined.found, whole.found)
+    assert np.array_equal(joined.outside, whole.outside)
+    assert joined.prior.centers == pytest.approx(whole.prior.centers, abs=1e-9)
+    assert joined.prior.linear == pytest.approx(whole.prior.linear, abs=1e-9)

@@ -46,6 +46,21 @@ class PyramidLocations:
     outside: NDArray[np.bool_]  # (n,) the prior location is not in the right image
     prior: PriorLocations  # where the search began
 
+    @staticmethod
+    def join(first: "PyramidLocations", second: "PyramidLocations") -> "PyramidLocations":
+        """Those of some polygons, then those of others, in the same two images."""
+        prior = PriorLocations(
+            np.concatenate([first.prior.centers, second.prior.centers]),
+            np.concatenate([first.prior.linear, second.prior.linear]),
+        )
+        return PyramidLocations(
+            np.concatenate([first.centers, second.centers]),
+            np.concatenate([first.found, second.found]),
+            np.concatenate([first.correlation, second.correlation]),
+            np.concatenate([first.outside, second.outside]),
+            prior,
+        )
+
     def maps(self, centers: Array, rows: NDArray[np.int64]) -> Array:
         """(c, 3, 3) maps right ~ map @ left of the polygons `rows` (c,): from their centre, of all (n, 2) `centers`, to
         their location, with the local affine part of the prior (paper 3.4.1)."""
