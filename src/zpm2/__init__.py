@@ -7,7 +7,8 @@ Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded w
 quick and loads no network library.
 
 OpenCV, where it is loaded afterwards, takes no more threads than `OMP_NUM_THREADS` says, which it does not know by
-itself, and they do not keep cores busy while they wait for work. What the environment already tells OpenCV stays.
+itself. Who sets that shares the cores, so its threads then do not keep them busy while they wait for work. What the
+environment already tells OpenCV stays.
 """
 
 import os
@@ -15,10 +16,11 @@ import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-os.environ.setdefault("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "0")
 _threads = os.environ.get("OMP_NUM_THREADS", "")
-if _threads.isdecimal() and 0 < int(_threads) < (os.cpu_count() or 1):
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", _threads)
+if _threads.isdecimal() and int(_threads) > 0:
+    os.environ.setdefault("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "0")
+    if int(_threads) < (os.cpu_count() or 1):
+        os.environ.setdefault("OPENCV_FOR_THREADS_NUM", _threads)
 
 if TYPE_CHECKING:
     from zpm2.api import Matcher, match
