@@ -82,7 +82,7 @@ def test_threads_share_a_matcher(kind: str, pair: Pair) -> None:
 
 
 class OneRequest:
-    """SAM's networks with one memory for what they return, as OpenVINO's."""
+    """SAM's networks with one memory for what they find, as those of OpenVINO on one core."""
 
     name, batch, few = "openvino", 4, 0
 
@@ -97,14 +97,15 @@ class OneRequest:
         with self.alone:
             return []
 
-    def prompt(self, parts: object, sparse: np.ndarray, near: object = None) -> tuple[np.ndarray, ...]:
+    def masks(
+        self, parts: object, sparse: np.ndarray, least: float, first: int, size: tuple[int, int], near: object = None
+    ) -> tuple[np.ndarray, ...]:
         with self.alone:
             self.iou[:] = sparse.ravel()[0] / 1000
-            return self.iou, np.zeros((4, 4, 32), np.float32), np.zeros((4, 1))
-
-    def mask(self, tokens: object, rows: np.ndarray, hyper: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         with self.alone:
-            return np.full((len(rows), hyper.shape[1], *size), 5, np.float32)
+            iou = self.iou[:, first:].copy()
+            rows = np.flatnonzero((iou >= least).any(1))
+            return rows, iou[rows], np.full((len(rows), iou.shape[1], *size), 5, np.float32)
 
 
 def test_threads_share_a_segmenter_and_get_their_own_answers() -> None:
