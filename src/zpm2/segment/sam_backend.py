@@ -52,7 +52,7 @@ class SamBackend(Protocol):
 
         Returns the rows (b,) of the prompts with a predicted IoU of `least` or more, and the predicted IoU (b, M) and
         logits (b, M, height, width) of all their masks from the mask `first` (0..3) on. These are of `size` (height,
-        width) px of a decoded mask; the padding beyond it is not decoded.
+        width) px of a decoded mask; the padding beyond it is not decoded. A later call writes to none of these.
         """
 
 
