@@ -150,9 +150,9 @@ class _Window:
 
     def beside(self, k: int, known: Sequence[MaskPredictions], asked: MaskPredictions) -> ViewRegions:
         """Those of the masks `asked` for in image k, best first, that are no known regions."""
-        unmarked = [dataclasses.replace(each, prompt=np.full(len(each), KNOWN)) for each in known]
+        marked = [dataclasses.replace(each, prompt=np.full(len(each), KNOWN)) for each in known]
         rank = np.arange(len(asked) + sum(map(len, known)), 0.0, -1.0)
-        kept = automatic.without_duplicates([*unmarked, asked], rank, self.segment(k), self.views[k])
+        kept = automatic.without_duplicates([*marked, asked], rank, self.segment(k), self.views[k])
         new = kept[kept.prompt != KNOWN]
         return view_regions(self.views[k], new, self.config, len(new))
 
