@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from kornia.feature import LightGlue
+from kornia.feature import ALIKED, LightGlue
 from torch import nn
 
 from zpm2.config import PointsConfig
 from zpm2.features import superpoint_network, xfeat_network
+from zpm2.features.aliked_network import AlikedNetwork
 from zpm2.features.lightglue import SETTINGS, FusedCrossAttention, published_names
 
 THRESHOLD = PointsConfig().superpoint_threshold
@@ -118,3 +119,18 @@ def test_fused_cross_attention_is_that_of_kornia(name: str, masked: bool) -> Non
             FusedCrossAttention(block)(first, second, mask), block(first, second, mask), strict=True
         ):
             torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("model", ["aliked-n16", "aliked-n16rot", "aliked-n32"])
+def test_aliked_gives_the_numbers_of_kornia(model: str) -> None:
+    torch.manual_seed(0)
+    published, ours = ALIKED(model).eval(), AlikedNetwork(model).eval()
+    ours.load_state_dict(published.state_dict(), strict=True)
+    image = torch.rand(2, 3, 96, 128)
+    with torch.inference_mode():
+        maps = zip(ours.extract_dense_map(image), published.extract_dense_map(image), strict=True)
+        found, expected = ours(image), published(image)
+    assert all(torch.equal(a, b) for a, b in maps)
+    for a, b in zip(found, expected, strict=True):
+        assert torch.equal(a.keypoints, b.keypoints)
+        assert torch.equal(a.descriptors, b.descriptors)

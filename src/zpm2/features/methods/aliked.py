@@ -25,12 +25,11 @@ MODELS = {"aliked": "n16", "aliked-n16rot": "n16rot", "aliked-n32": "n32"}  # as
 
 def aliked(name: str, config: PointsConfig, device: str, progress: weights.Progress | None) -> PointMatcher:
     """One of `MODELS`: maxima of 5 x 5 px to sub-pixel, 128 values each."""
-    from kornia.feature import ALIKED
-
+    from zpm2.features.aliked_network import AlikedNetwork
     from zpm2.features.network_detector import with_lightglue
 
     model = MODELS[name]
-    network = ALIKED(
+    network = AlikedNetwork(
         f"aliked-{model}", max_num_keypoints=config.max_keypoints, detection_threshold=config.aliked_threshold
     )
     state = weights.load_state_dict(f"aliked_{model}", progress=progress)
