@@ -71,9 +71,9 @@ class Measured:
         backend, regions = self.segmenter.load(), self.matcher._regions
         asked, turned_round = backend.masks, regions.redetect
 
-        def masks(parts: Any, sparse: Any, *more: Any) -> Any:
-            self.prompts += len(sparse)
-            return asked(parts, sparse, *more)
+        def masks(parts: Any, prompts: Any, *more: Any) -> Any:
+            self.prompts += len(prompts)
+            return asked(parts, prompts, *more)
 
         def redetect(found: Any, matches: Any, initial: Any) -> Any:
             self.forward = (found.sides(matches, chosen.vectorize), time.perf_counter() - self.start, self.prompts)

@@ -37,13 +37,13 @@ def main() -> None:
     options = parser.parse_args()
     segmenter = SamSegmenter(SegmentConfig())
     backend, count = segmenter.load(), [0]
-    asked = backend.prompt
+    asked = backend.masks
 
-    def prompt(parts: Any, sparse: Any) -> Any:
-        count[0] += len(sparse)
-        return asked(parts, sparse)
+    def masks(parts: Any, prompts: Any, *more: Any) -> Any:
+        count[0] += len(prompts)
+        return asked(parts, prompts, *more)
 
-    backend.prompt = prompt  # type: ignore[method-assign]
+    backend.masks = masks  # type: ignore[method-assign]
     rows: dict[str, list[dict[str, float]]] = {level: [] for level in LEVELS}
     for path in options.images:
         view = segmenter.view(read_image(path, "image"))

@@ -23,6 +23,7 @@ import numpy as np
 import torch
 
 from zpm2.segment import sam_network
+from zpm2.segment.sam_backend import EmbeddedPrompts
 from zpm2.segment.sam_network import load_sam
 from zpm2.segment.sam_openvino import OpenVinoBackend
 from zpm2.segment.sam_torch import TorchBackend
@@ -55,7 +56,8 @@ class Cut:
         self.backend, self.image = backend, backend.image
 
     def decode(self, parts: Any, points: np.ndarray) -> np.ndarray:
-        return self.backend.masks(parts, self.backend.embed(points, np.array([1])), -np.inf, 0, (256, 256))[2]
+        asked = EmbeddedPrompts(self.backend.embed(points, np.array([1])))
+        return self.backend.masks(parts, asked, -np.inf, 0, (256, 256))[2]
 
 
 class OnnxBackend:
@@ -91,9 +93,9 @@ class OnnxBackend:
         return self._run(0, [pixels])
 
     def masks(
-        self, parts: list[np.ndarray], sparse: np.ndarray, least: float, first: int, size: tuple[int, int]
+        self, parts: list[np.ndarray], asked: EmbeddedPrompts, least: float, first: int, size: tuple[int, int]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        iou, hyper, tokens = self._run(1, [*parts, sparse])
+        iou, hyper, tokens = self._run(1, [*parts, asked.sparse])
         logits = self._run(2, [tokens.reshape(-1, 64, 64, 256), hyper])[0]
         return np.arange(len(iou)), iou[:, first:], logits[:, first:, : size[0], : size[1]]
 

@@ -66,12 +66,16 @@ def remembered(memory: Memory | None = None) -> Iterator[None]:
         return found[key]
 
     def small_once(
-        view: SamView, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
+        view: SamView,
+        prompts: Prompts,
+        thresholds: MaskThresholds,
+        known: Sequence[MaskPredictions],
+        soon: Prompts | None = None,
     ) -> MaskPredictions:
         masks = *((part.extent.area.tobytes(), part.extent.box.tobytes()) for part in known), view.config.nms_iou
         key = id(view.parts), view.config.stability_offset, thresholds, prompts.points.tobytes(), masks
         if key not in found:
-            found[key] = predict_small(view, prompts, thresholds, known)
+            found[key] = predict_small(view, prompts, thresholds, known, soon)
         return found[key]
 
     with pytest.MonkeyPatch.context() as patch:

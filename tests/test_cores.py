@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from zpm2 import cores
-from zpm2.cores import in_chunks
+from zpm2.cores import begin, in_chunks
 
 SPIN = "OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER"
 OWN = {"OMP_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "3", SPIN: "7"}  # a user's own
@@ -47,6 +47,23 @@ def test_chunks_within_chunks_stay_in_their_thread(monkeypatch):
         return {threading.current_thread().name, *in_chunks(lambda _: threading.current_thread().name, 8, 1)}
 
     assert [len(found) for found in in_chunks(names, 8, 1)] == [1] * 8
+
+
+def test_what_is_begun_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(cores, "usable", lambda: 2)
+    go_on = threading.Event()
+    begun = begin(lambda: go_on.wait(10))
+    assert begun is not None
+    assert not begun.done()
+    go_on.set()
+    assert begun.result(10)
+
+
+def test_nothing_is_begun_where_one_core_does_all(monkeypatch):
+    monkeypatch.setattr(cores, "usable", lambda: 2)
+    assert in_chunks(lambda part: begin(pytest.fail), 2, 1) == [None, None]
+    monkeypatch.setattr(cores, "usable", lambda: 1)
+    assert begin(pytest.fail) is None
 
 
 def test_an_error_is_raised(monkeypatch):

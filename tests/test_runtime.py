@@ -23,6 +23,7 @@ from zpm2.pipeline import PairMatcher
 from zpm2.runtime import ForkAwareLock
 from zpm2.segment.predictions import MaskThresholds, Prompts
 from zpm2.segment.sam import SamSegmenter
+from zpm2.segment.sam_backend import EmbeddedPrompts
 
 SIFT = PointsConfig(methods=("sift",))
 CONFIG = Config(points=SIFT, device="cpu")
@@ -98,10 +99,16 @@ class OneRequest:
             return []
 
     def masks(
-        self, parts: object, sparse: np.ndarray, least: float, first: int, size: tuple[int, int], near: object = None
+        self,
+        parts: object,
+        asked: EmbeddedPrompts,
+        least: float,
+        first: int,
+        size: tuple[int, int],
+        soon: object = None,
     ) -> tuple[np.ndarray, ...]:
         with self.alone:
-            self.iou[:] = sparse.ravel()[0] / 1000
+            self.iou[:] = asked.sparse.ravel()[0] / 1000
         with self.alone:
             iou = self.iou[:, first:].copy()
             rows = np.flatnonzero((iou >= least).any(1))

@@ -1,11 +1,11 @@
-"""Rows on several cores, in threads: for work that is nearly all in libraries that let go of Python's lock meanwhile,
-as OpenCV, GEOS, and NumPy on large arrays do."""
+"""Work on several cores, in threads: for what is nearly all in libraries that let go of Python's lock meanwhile, as
+OpenCV, GEOS, OpenVINO, and NumPy on large arrays do."""
 
 import functools
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -18,10 +18,15 @@ def in_chunks(do: Callable[[slice], T], count: int, size: int) -> list[T]:
     Slices do not depend on the number of cores, so results do not. Within `do`, further calls use one core.
     """
     slices = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-    threads = 1 if len(slices) < 2 or hasattr(_this_thread, "is_ours") else usable()
-    if threads == 1:
-        return [do(rows) for rows in slices]
-    return list(_pool(os.getpid(), threads).map(do, slices))
+    pool = _several() if len(slices) > 1 else None
+    return [do(rows) for rows in slices] if pool is None else list(pool.map(do, slices))
+
+
+def begin(do: Callable[[], T]) -> Future[T] | None:
+    """Has a core `do` something once it is free, after what was begun before, and does not wait for it. None, and
+    nothing is begun, where one core does all."""
+    pool = _several()
+    return None if pool is None else pool.submit(do)
 
 
 def usable() -> int:
@@ -35,6 +40,12 @@ def limit() -> int | None:
     """`usable` cores where the machine has more, else None: for libraries that do not know `OMP_NUM_THREADS`."""
     cores = usable()
     return cores if cores < (os.cpu_count() or 1) else None
+
+
+def _several() -> ThreadPoolExecutor | None:
+    """A thread for each core, where there are several and this thread is none of those."""
+    threads = 1 if hasattr(_this_thread, "is_ours") else usable()
+    return None if threads == 1 else _pool(os.getpid(), threads)
 
 
 @functools.lru_cache(1)

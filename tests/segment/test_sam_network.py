@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import torch
 from kornia.models.sam import Sam
 
 from zpm2.segment import sam_network
+from zpm2.segment.sam_backend import EmbeddedPrompts
 from zpm2.segment.sam_network import load_sam
 from zpm2.segment.sam_openvino import OpenVinoBackend
 from zpm2.segment.sam_torch import TorchBackend
@@ -85,19 +87,19 @@ def test_openvino_gives_the_masks_of_torch_and_kornia() -> None:
         masks, iou = decode(sam, sam.image_encoder(picture))
     for backend in (TorchBackend("mobile_sam", 16, "cpu"), OpenVinoBackend("mobile_sam", 16, print)):
         parts = backend.image(picture.numpy())
-        sparse = backend.embed(POINTS, np.array([1]))
+        asked = EmbeddedPrompts(backend.embed(POINTS, np.array([1])))
         for height, width in ((256, 256), (78, 256), (256, 101)):
-            rows, ours_iou, logits = backend.masks(parts, sparse, -np.inf, 0, (height, width))
+            rows, ours_iou, logits = backend.masks(parts, asked, -np.inf, 0, (height, width))
             assert rows.tolist() == list(range(len(POINTS)))
             np.testing.assert_allclose(ours_iou, iou.numpy(), atol=1e-3)
             assert ((logits > 0) != (masks[:, :, :height, :width].numpy() > 0)).mean() < 1e-4
         best = iou[:, 1:].max(1).values.numpy()
         least = float(np.sort(best)[-2:].mean())  # which only the surest prompt reaches
-        rows, ours_iou, logits = backend.masks(parts, sparse, least, 1, (78, 256))
+        rows, ours_iou, logits = backend.masks(parts, asked, least, 1, (78, 256))
         assert rows.tolist() == [int(best.argmax())]
         np.testing.assert_allclose(ours_iou, iou[rows, 1:].numpy(), atol=1e-3)
         assert ((logits > 0) != (masks[rows, 1:, :78, :256].numpy() > 0)).mean() < 1e-4
-        rows, ours_iou, logits = backend.masks(parts, sparse, 2.0, 1, (78, 256))
+        rows, ours_iou, logits = backend.masks(parts, asked, 2.0, 1, (78, 256))
         assert (rows.shape, ours_iou.shape, logits.shape) == ((0,), (0, 3), (0, 3, 78, 256))
 
 
@@ -107,9 +109,14 @@ def test_networks_in_openvino_keep_to_the_cores_that_they_are_given(monkeypatch:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     backend = OpenVinoBackend("mobile_sam", 16, print)
     parts = backend.image(pixels(2).numpy())
-    backend.masks(parts, backend.embed(POINTS, np.array([1])), -np.inf, 0, (256, 256))
-    every = [network.compiled for kept in backend.networks.values() for network in kept.values()]
-    assert [int(each.get_property("INFERENCE_NUM_THREADS")) for each in every] == [1, 1, 1]
+    tasks = Path("/proc/self/task")
+    before = set(tasks.iterdir()) if tasks.exists() else set()
+    backend.masks(parts, EmbeddedPrompts(backend.embed(POINTS, np.array([1]))), -np.inf, 0, (256, 256))
+    assert not tasks.exists() or set(tasks.iterdir()) == before  # prompts are answered in the thread that asks
+    networks = [network for kept in backend.networks.values() for network in kept.values()]
+    every = [compiled for network in networks for compiled, _ in network._idle]
+    of_their_own = [int(each.get_property("INFERENCE_NUM_THREADS")) for each in every]
+    assert of_their_own == [1, 0, 0]
 
 
 FREED_ELSEWHERE = """

@@ -109,15 +109,20 @@ def test_networks_for_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPat
     compiled = list[tuple[int, ...]]()
 
     class Core:
-        def compile_model(self, graph: Graph, *_: object) -> None:
+        def compile_model(self, graph: Graph, *_: object) -> "Core":
             compiled.append(graph.shape)
+            return self
+
+        def create_infer_request(self) -> object:
+            return object()
 
     monkeypatch.setattr("zpm2.segment.sam_openvino.KEPT", 3)
     backend = OpenVinoBackend.__new__(OpenVinoBackend)
     backend.precision, backend.core = "f32", Core()  # type: ignore[assignment]
     backend.graphs, backend.networks = {"prompt": Graph()}, {"prompt": OrderedDict()}
     for size in (4096, 4096, 1536, 4096, 2560, 3072, 1536):
-        backend._network("prompt", (size,))
+        with backend._network("prompt", (size,)).request():
+            pass
     assert compiled == [(4096,), (1536,), (2560,), (3072,), (1536,)]
     assert list(backend.networks["prompt"]) == [((2560,),), ((3072,),), ((1536,),)]
 

@@ -17,6 +17,7 @@ from zpm2.segment.automatic import automatic_masks
 from zpm2.segment.predictions import CORNER, INSIDE, OTHER_CORNER, MaskPredictions, MaskThresholds, Prompts
 from zpm2.segment.protocol import SmallThingsView
 from zpm2.segment.sam import SamSegmenter
+from zpm2.segment.sam_backend import EmbeddedPrompts
 from zpm2.segment.sam_openvino import OpenVinoBackend
 from zpm2.segment.sam_padding import GRID, thinned
 from zpm2.segment.sam_torch import TorchBackend
@@ -165,9 +166,9 @@ def test_large_masks_are_those_that_are_known_or_asked_for_again(
     asked = list[int]()
     ask = near.backend.masks
 
-    def counted(parts, sparse, least, first, size, near=None):  # type: ignore[no-untyped-def]
-        asked.append(len(sparse) if near is None else 0)
-        return ask(parts, sparse, least, first, size, near)
+    def counted(parts, these, *more):  # type: ignore[no-untyped-def]
+        asked.append(len(these) if these.near is None else 0)
+        return ask(parts, these, *more)
 
     monkeypatch.setattr(near.backend, "masks", counted)
     alone = near.predict_small(prompts, good, [])
@@ -192,12 +193,12 @@ def test_back_ends_agree(views: tuple[SamView, SamView]) -> None:
         pytest.skip("openvino is not installed")
     assert near.vicinity is not None
     seen = near.vicinity.near(np.array([[0, 0], [4, 8], [0, 12], [8, 4], [4, 4], [8, 8]]))
-    sparse = near.backend.embed(points(near)[:6, None] * near.scale, np.array([INSIDE]))
+    asked = EmbeddedPrompts(near.backend.embed(points(near)[:6, None] * near.scale, np.array([INSIDE])), seen)
     torched = TorchBackend("mobile_sam", 16, "cpu")
     parts = tuple(torch.from_numpy(np.asarray(part)) for part in near.parts)
     size = TOKEN_PX * near.vicinity.size[0], TOKEN_PX * near.vicinity.size[1]
-    rows, iou, logits = near.backend.masks(near.parts, sparse, -np.inf, 0, size, seen)
-    other_rows, other_iou, other_logits = torched.masks(parts, sparse, -np.inf, 0, size, seen)
+    rows, iou, logits = near.backend.masks(near.parts, asked, -np.inf, 0, size)
+    other_rows, other_iou, other_logits = torched.masks(parts, asked, -np.inf, 0, size)
     assert rows.tolist() == other_rows.tolist() == list(range(6))
     np.testing.assert_allclose(iou, other_iou, atol=1e-3)
     assert ((logits > 0) != (other_logits > 0)).mean() < 1e-3

@@ -160,8 +160,7 @@ def test_answers_do_not_depend_on_cores_nor_on_the_other_prompts(pair: Pair, mon
     pytest.importorskip("openvino")
     found = list[list[MaskPredictions]]()
     for cores in (1, 3):
-        for module in ("zpm2.segment.sam_openvino", "zpm2.cores"):
-            monkeypatch.setattr(f"{module}.usable", lambda cores=cores: cores)
+        monkeypatch.setattr("zpm2.cores.usable", lambda cores=cores: cores)
         view = SamSegmenter(preset("default").segment).view(Image(pair.scene.left))
         assert isinstance(view.backend, OpenVinoBackend)
         assert view.vicinity is not None
@@ -169,6 +168,9 @@ def test_answers_do_not_depend_on_cores_nor_on_the_other_prompts(pair: Pair, mon
         for prompts in (Prompts.at(at), boxed(at)):
             every = view.predict(prompts, EVERYTHING)
             found.append([every, *(view.predict(prompts[k : k + 1], EVERYTHING) for k in range(len(at)))])
+        view.predict_small(Prompts.at(at[:2]), EVERYTHING, [], Prompts.at(at[[5, 6, 1, 3]]))
+        later = view.predict_small(Prompts.at(at[3:]), EVERYTHING, [], Prompts.at(at[:1]))
+        assert np.array_equal(later.logits, view.predict_small(Prompts.at(at[3:]), EVERYTHING, []).logits)
     for one, other in zip(found[:2], found[2:], strict=True):
         for each, again in zip(one, other, strict=True):
             assert np.array_equal(each.logits, again.logits)

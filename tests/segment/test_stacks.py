@@ -203,12 +203,14 @@ Full.__name__ = "OutOfMemoryError"
 def test_fewer_prompts_at_a_time_where_memory_ends() -> None:
     prompts, sizes, notes = Prompts.at(np.zeros((40, 2))), list[int](), list[str]()
 
-    def answer(part: Prompts, start: int) -> MaskPredictions:
-        sizes.append(len(part))
-        if len(part) > 5:
+    def answer(rows: slice, following: slice) -> MaskPredictions:
+        asked = np.arange(40)[rows]
+        assert following.start == rows.stop
+        sizes.append(len(asked))
+        if len(asked) > 5:
             raise Full
-        every = np.ones(len(part), np.float32)
-        return MaskPredictions(start + np.arange(len(part)), every, every, np.ones((len(part), 8, 8), np.float16))
+        every = np.ones(len(asked), np.float32)
+        return MaskPredictions(asked, every, every, np.ones((len(asked), 8, 8), np.float16))
 
     room = Room(16, notes)
     found = MaskPredictions.join(predicted(prompts, room, answer, (8, 8)))

@@ -51,9 +51,10 @@ def automatic_masks(
     if config.quality == "full":
         found, points = list[MaskPredictions](), grid(config.grid, view.size)
         points, surest = points[valid[_pixels(points)]], _surest(known)
+        prompts = Prompts.at(points / view.mask_scale)
         for start in range(0, len(points), view.batch):
-            prompts = Prompts.at(points[start : start + view.batch] / view.mask_scale)
-            found.append(_small(view, prompts, thresholds, [surest, *found]))
+            rows, following = (slice(first, first + view.batch) for first in (start, start + view.batch))
+            found.append(_small(view, prompts[rows], thresholds, [surest, *found], prompts[following]))
             progress(min(1.0, (start + view.batch) / len(points)))
     else:
         found = _predict_selected(view, config, thresholds, known, (data, valid), progress)
@@ -98,9 +99,11 @@ def _predict_selected(
         """Prompts at up to `most` of the points, in their order, those that are still `wanted` when they are
         reached. They mostly show something `small`, or not."""
 
-        def ask(rows: Rows) -> MaskPredictions:
-            prompts = Prompts.at(at[rows] / view.mask_scale)
-            return _small(view, prompts, thresholds, [surest, *found]) if small else view.predict(prompts, thresholds)
+        def ask(rows: Rows, soon: Rows) -> MaskPredictions:
+            prompts, following = (Prompts.at(at[each] / view.mask_scale) for each in (rows, soon))
+            if small:
+                return _small(view, prompts, thresholds, [surest, *found], following)
+            return view.predict(prompts, thresholds)
 
         rows, prompted, answers = np.arange(len(at)), 0, _Ahead(ask, view)
         while prompted < most and len(rows := rows[wanted(rows)]):
@@ -124,19 +127,21 @@ def _predict_selected(
 
 
 def _small(
-    view: PromptedView, prompts: Prompts, thresholds: MaskThresholds, known: list[MaskPredictions]
+    view: PromptedView, prompts: Prompts, thresholds: MaskThresholds, known: list[MaskPredictions], soon: Prompts
 ) -> MaskPredictions:
-    """The masks of prompts that mostly show something small; large ones are `known` by then."""
+    """The masks of prompts that mostly show something small; large ones are `known` by then. `soon` are likely to be
+    the next prompts."""
     if isinstance(view, SmallThingsView):
-        return view.predict_small(prompts, thresholds, known)
+        return view.predict_small(prompts, thresholds, known, soon)
     return view.predict(prompts, thresholds)
 
 
 class _Ahead:
     """The answers of a `view` to prompts that are chosen few at a time. Where a device takes more at a time, those that
-    are likely to be next are asked with them, so that what is chosen does not depend on the device."""
+    are likely to be next are asked with them, so that what is chosen does not depend on the device. `ask` gets these,
+    and as many that are likely to follow."""
 
-    def __init__(self, ask: Callable[[Rows], MaskPredictions], view: PromptedView) -> None:
+    def __init__(self, ask: Callable[[Rows, Rows], MaskPredictions], view: PromptedView) -> None:
         self._ask, self._batch = ask, view.batch
         self._last, self._answers = -1, MaskPredictions.none(view.size)  # `prompt` are rows
 
@@ -145,8 +150,9 @@ class _Ahead:
         wanted once is not wanted later, so all that is wanted up to the last row that was asked has its answer."""
         new = rows[rows > self._last]
         if len(new):
-            asked = np.concatenate([new, following[: max(0, self._batch - len(new))]])
-            answers = self._ask(asked)
+            more = max(0, self._batch - len(new))
+            asked, soon = np.concatenate([new, following[:more]]), following[more:][: self._batch]
+            answers = self._ask(asked, soon)
             waiting = self._answers[np.isin(self._answers.prompt, rows)]
             self._answers = MaskPredictions.join([waiting, dataclasses.replace(answers, prompt=asked[answers.prompt])])
             self._last = int(asked[-1])

@@ -80,8 +80,11 @@ class NetworkView(MaskView, Generic[Encoded]):
 
     def predict(self, prompts: Prompts, thresholds: MaskThresholds) -> MaskPredictions:
         """The masks of each prompt that reach `thresholds`."""
-        found = predicted(prompts, self.room, lambda p, s: self._predict_batch(p, s, thresholds), self.size)
-        return MaskPredictions.join(found)
+
+        def predict(rows: slice, _: slice) -> MaskPredictions:
+            return self._predict_batch(prompts[rows], rows.start, thresholds)
+
+        return MaskPredictions.join(predicted(prompts, self.room, predict, self.size))
 
     def _predict_batch(self, prompts: Prompts, start: int, thresholds: MaskThresholds) -> MaskPredictions:
         points = np.asarray(prompts.points * self.scale, np.float32)

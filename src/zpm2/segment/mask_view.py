@@ -89,16 +89,16 @@ def is_out_of_memory(error: RuntimeError) -> bool:
 
 
 def predicted(
-    prompts: Prompts, room: Room, predict: Callable[[Prompts, int], MaskPredictions], size: tuple[int, int]
+    prompts: Prompts, room: Room, predict: Callable[[slice, slice], MaskPredictions], size: tuple[int, int]
 ) -> list[MaskPredictions]:
-    """What `predict` says to prompts, as many at a time as there is `room` for. It gets these and the row of the first;
-    `size` is that of a decoded mask."""
+    """What `predict` says to prompts, as many at a time as there is `room` for. It gets the rows of these, and of those
+    that are next; `size` is that of a decoded mask."""
     found, start = [MaskPredictions.none(size)], 0
     while start < len(prompts):
-        part = prompts[start : start + room.most]
+        end = min(start + room.most, len(prompts))
         try:
-            found.append(predict(part, start))
-            start += len(part)
+            found.append(predict(slice(start, end), slice(end, end + room.most)))
+            start = end
         except RuntimeError as error:
             room.halve(error)
     return found

@@ -81,9 +81,15 @@ class SmallThingsView(Protocol):
     """A `PromptedView` that is faster where prompts mostly show something small."""
 
     def predict_small(
-        self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
+        self,
+        prompts: Prompts,
+        thresholds: MaskThresholds,
+        known: Sequence[MaskPredictions],
+        soon: Prompts | None = None,
     ) -> MaskPredictions:
-        """As `predict`. A large mask may be one of the `known` ones, if it looks like that where the view sees both."""
+        """As `predict`. A large mask may be one of the `known` ones, if it looks like that where the view sees both.
+        `soon` are prompts of the same form that are likely to be next: a view may begin with them, and what it says to
+        a prompt does not depend on them."""
         ...
 
 

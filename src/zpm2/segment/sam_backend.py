@@ -1,6 +1,7 @@
 """What runs SAM's three networks: torch (the reference, and what a GPU uses) or OpenVINO (faster on a CPU)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -18,6 +19,20 @@ Opaque = Any  # what a backend returns and only that backend reads: torch's tens
 Tokens = TypeVar("Tokens", "Tensor", Array)
 
 WEIGHTS = {"mobile_sam": "mobile_sam", "vit_b": "sam_vit_b", "vit_l": "sam_vit_l", "vit_h": "sam_vit_h"}
+
+
+@dataclass(frozen=True, eq=False)
+class EmbeddedPrompts:
+    """n prompts as the networks take them."""
+
+    sparse: Array  # (n, P, 256) `sam_network.PromptEmbedding`
+    near: NearTokens | None = None  # the image tokens that each sees; None: all of the view
+
+    def __len__(self) -> int:
+        return len(self.sparse)
+
+    def __getitem__(self, rows: Rows | slice) -> "EmbeddedPrompts":
+        return EmbeddedPrompts(self.sparse[rows], None if self.near is None else self.near[rows])
 
 
 class SamBackend(Protocol):
@@ -42,13 +57,13 @@ class SamBackend(Protocol):
     def masks(
         self,
         parts: Opaque,
-        sparse: Array,
+        asked: EmbeddedPrompts,
         least: float,
         first: int,
         size: tuple[int, int],
-        near: NearTokens | None = None,
+        soon: Callable[[], EmbeddedPrompts] | None = None,
     ) -> tuple[Rows, Array, Stack]:
-        """The masks of embedded prompts (B, P, 256), which see all image tokens of the view, or those `near` each.
+        """The masks of B prompts. Those that are likely to be asked `soon`, in the same way, may be answered meanwhile.
 
         Returns the rows (b,) of the prompts with a predicted IoU of `least` or more, and the predicted IoU (b, M) and
         logits (b, M, height, width) of all their masks from the mask `first` (0..3) on. These are of `size` (height,

@@ -7,20 +7,23 @@ Every core answers prompts by itself: what few prompts need stays in its cache, 
 what a prompt is answered does not depend on how many cores there are.
 """
 
+import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from zpm2 import weights
-from zpm2.cores import in_chunks, limit, usable
+from zpm2.cores import limit
 from zpm2.runtime import mark_networks_loaded
-from zpm2.segment.sam_backend import WEIGHTS, Array, of_photograph, promising, rows_of
+from zpm2.segment.sam_ahead import Ahead
+from zpm2.segment.sam_backend import WEIGHTS, Array, EmbeddedPrompts, of_photograph, promising, rows_of
 from zpm2.segment.sam_input import ENCODER_SIDE
 from zpm2.segment.sam_padding import ThinnedTokens
 from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 Shapes = tuple[tuple[int, ...], ...]
+Answer = tuple[
+    Array, Array | None
+]  # predicted IoU (M,) of a prompt's masks; (M, height, width), where one is promising
 
 VERSION = 6  # of the cut into networks; raise it when sam_network.py changes what they compute
 NETWORKS = ("image", "prompt", "near", "mask")
@@ -58,29 +64,32 @@ def openvino_core() -> "Core":
 
 
 class _Network:
-    """A compiled network, and the memory that it works in: a request for each thread that runs it."""
+    """A graph for inputs of some shapes, compiled once for each of at most `most` threads that run it at a time."""
 
-    def __init__(self, compiled: "CompiledModel") -> None:
-        self.compiled = compiled
-        self._idle: list[InferRequest] = []
+    def __init__(self, compile: "Callable[[], CompiledModel]", most: int) -> None:
+        self._compile, self._free = compile, threading.Semaphore(most)
+        self._idle: list[tuple[CompiledModel, InferRequest | None]] = []  # with the memory that it works in
 
     @contextmanager
     def request(self) -> "Iterator[InferRequest]":
         """What one thread runs. The outputs lie in its memory, until it runs again or rests."""
-        try:
-            request = self._idle.pop()
-        except IndexError:
-            request = self.compiled.create_infer_request()
-        try:
-            yield request
-        finally:
-            self._idle.append(request)
+        with self._free:
+            try:
+                compiled, request = self._idle.pop()
+            except IndexError:
+                compiled, request = self._compile(), None
+            request = request or compiled.create_infer_request()
+            try:
+                yield request
+            finally:
+                self._idle.append((compiled, request))
 
     def rest(self) -> None:
-        """Frees the memory that it works in, some 250 MB of an image network."""
-        if self._idle:
-            self._idle.clear()
-            self.compiled.release_memory()
+        """Frees the memory that it works in, some 250 MB of an image network, while no thread runs it."""
+        working = [compiled for compiled, request in self._idle if request is not None]
+        self._idle = [(compiled, None) for compiled, _ in self._idle]
+        for compiled in working:
+            compiled.release_memory()
 
 
 class OpenVinoBackend:
@@ -102,6 +111,7 @@ class OpenVinoBackend:
         self.graphs = {name: self.core.read_model(folder / f"{name}.xml") for name in NETWORKS}  # now, as checked
         # of each graph, by the shapes that it takes (-1: any), the latest used last
         self.networks: dict[str, OrderedDict[Shapes, _Network]] = {name: OrderedDict() for name in NETWORKS}
+        self._ahead: dict[str, tuple[_Answers, Ahead[Answer]]] = {}  # by the graph of the prompts
 
     def _network(self, name: str, *shapes: tuple[int, ...]) -> _Network:
         """The graph, compiled for these shapes."""
@@ -114,11 +124,11 @@ class OpenVinoBackend:
                 if (most := limit()) is not None:
                     options["INFERENCE_NUM_THREADS"] = most
             else:
-                cores = min(usable(), MOST_CORES)
-                options |= {"NUM_STREAMS": cores, "INFERENCE_NUM_THREADS": cores}
+                options |= {"NUM_STREAMS": 0, "INFERENCE_NUM_THREADS": 1}  # in the thread that asks
             graph = self.graphs[name].clone()
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
-            kept[shapes] = _Network(self.core.compile_model(graph, "CPU", options))
+            compile = partial(self.core.compile_model, graph, "CPU", options)
+            kept[shapes] = _Network(compile, 1 if name == "image" else MOST_CORES)
             while len(kept) > KEPT:
                 kept.popitem(last=False)
         kept.move_to_end(shapes)
@@ -130,6 +140,8 @@ class OpenVinoBackend:
                 network.rest()
 
     def image(self, pixels: Array) -> list[Array]:
+        while self._ahead:
+            self._ahead.popitem()[1][1].end()
         self._rest("prompt", "near", "mask")
         network = self._network("image", pixels.shape)
         with network.request() as request:
@@ -144,44 +156,83 @@ class OpenVinoBackend:
     def masks(
         self,
         parts: list[Array],
-        sparse: Array,
+        asked: EmbeddedPrompts,
         least: float,
         first: int,
         size: tuple[int, int],
-        near: NearTokens | None = None,
+        soon: Callable[[], EmbeddedPrompts] | None = None,
     ) -> tuple[Rows, Array, Array]:
-        """A core decodes masks as soon as it has answered their prompts: their image tokens are still in its cache."""
         self._rest("image")
-        seen = len(parts[0]) if near is None else near.rows.shape[1]
-        batch = FAR_BATCH if near is None else NEAR_BATCH
-        shapes = _shapes(parts, ANY) if near is None else [(batch, *shape) for shape in _shapes(parts, seen)]
-        prompting = self._network("prompt" if near is None else "near", *shapes, (batch, *sparse.shape[1:]))
-        count = MASKS - first
-        high, wide = (-(-side // TOKEN_PX) for side in size)
-        decoding = self._network("mask", (1, high, wide, parts[0].shape[1]), (1, count, HYPER))
-        iou, logits = np.empty((len(sparse), count), np.float32), np.empty((len(sparse), count, *size), np.float32)
-
-        def answer(part: slice) -> None:
-            rows = np.minimum(np.arange(part.start, part.start + batch), part.stop - 1)  # the last one fills it up
-            with prompting.request() as request:
-                if near is None:
-                    inputs = [*parts, sparse[rows]]
-                else:
-                    inputs = None
-                    _gather(parts, near[rows], sparse[rows], [tensor.data for tensor in request.input_tensors])
-                found = request.infer(inputs, share_inputs=True, share_outputs=True).values()
-                every, hyper, tokens = (each[: part.stop - part.start] for each in found)
-                iou[part] = every[:, first:]
-                with decoding.request() as decoder:
-                    for row in promising(iou[part], least):
-                        these = np.ascontiguousarray(of_photograph(tokens[row : row + 1], size))
-                        weights = np.ascontiguousarray(hyper[row : row + 1, first:])
-                        (decoded,) = decoder.infer([these, weights], share_inputs=True, share_outputs=True).values()
-                        logits[part.start + row] = decoded[0, :, : size[0], : size[1]]
-
-        in_chunks(answer, len(sparse), batch)
+        name = "prompt" if asked.near is None else "near"
+        answers = self._answers(name, parts, asked, least, first, size)
+        before, ahead = self._ahead.pop(name, (None, None))
+        if before is None or ahead is None or not answers.are_like(before):
+            if ahead is not None:
+                ahead.end()
+            ahead = Ahead(answers, answers.batch)
+        found = ahead(asked, soon)
+        if len(ahead):
+            self._ahead[name] = answers, ahead
+        iou = np.array([every for every, _ in found], np.float32).reshape(len(asked), MASKS - first)
+        logits = [decoded for _, decoded in found if decoded is not None]
         good = promising(iou, least)
-        return good, iou[good], logits if len(good) == len(logits) else logits[good]
+        return good, iou[good], np.stack(logits) if logits else np.empty((0, MASKS - first, *size), np.float32)
+
+    def _answers(
+        self, name: str, parts: list[Array], asked: EmbeddedPrompts, least: float, first: int, size: tuple[int, int]
+    ) -> "_Answers":
+        far, form = asked.near is None, asked.sparse.shape[1:]
+        batch = FAR_BATCH if far else NEAR_BATCH
+        if asked.near is None:
+            shapes = _shapes(parts, ANY)
+        else:
+            shapes = [(batch, *shape) for shape in _shapes(parts, asked.near.rows.shape[1])]
+        prompting = self._network(name, *shapes, (batch, *form))
+        high, wide = (-(-side // TOKEN_PX) for side in size)
+        decoding = self._network("mask", (1, high, wide, parts[0].shape[1]), (1, MASKS - first, HYPER))
+        return _Answers(parts, least, first, size, batch, prompting, decoding)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """What SAM answers to prompts of one form, on one core."""
+
+    parts: list[Array]
+    least: float
+    first: int
+    size: tuple[int, int]
+    batch: int
+    prompting: _Network
+    decoding: _Network
+
+    def are_like(self, other: "_Answers") -> bool:
+        """Whether both give the same."""
+        same = self.parts is other.parts and self.prompting is other.prompting and self.decoding is other.decoding
+        return same and (self.least, self.size) == (other.least, other.size)
+
+    def __call__(self, asked: EmbeddedPrompts) -> list[Answer]:
+        """Of at most `batch` prompts. A prompt's masks are decoded while their image tokens are in the core's cache."""
+        rows = np.minimum(np.arange(self.batch), len(asked) - 1)  # the last one fills it up
+        with self.prompting.request() as request:
+            if asked.near is None:
+                inputs = [*self.parts, asked.sparse[rows]]
+            else:
+                inputs = None
+                _gather(self.parts, asked.near[rows], asked.sparse[rows], [each.data for each in request.input_tensors])
+            found = request.infer(inputs, share_inputs=True, share_outputs=True).values()
+            iou, hyper, tokens = (each[: len(asked)] for each in found)
+            answers: list[Answer] = [(each.copy(), None) for each in iou[:, self.first :]]
+            with self.decoding.request() as decoder:
+                for row in promising(iou[:, self.first :], self.least):
+                    answers[row] = answers[row][0], self._decoded(decoder, tokens[row : row + 1], hyper[row : row + 1])
+        return answers
+
+    def _decoded(self, decoder: "InferRequest", tokens: Array, hyper: Array) -> Array:
+        """Of one prompt."""
+        these = np.ascontiguousarray(of_photograph(tokens, self.size))
+        weights = np.ascontiguousarray(hyper[:, self.first :])
+        (logits,) = decoder.infer([these, weights], share_inputs=True, share_outputs=True).values()
+        return np.array(logits[0, :, : self.size[0], : self.size[1]])
 
 
 def _shapes(parts: list[Array], tokens: int) -> list[tuple[int, ...]]:

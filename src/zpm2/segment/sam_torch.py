@@ -1,6 +1,6 @@
 """SAM's three networks in torch, on a CPU or a GPU."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from typing import TYPE_CHECKING
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.segment import stacks
-from zpm2.segment.sam_backend import Array, of_photograph, promising, rows_of
+from zpm2.segment.sam_backend import Array, EmbeddedPrompts, of_photograph, promising, rows_of
 from zpm2.segment.sam_input import ENCODER_SIDE, MEAN, STD
 from zpm2.segment.sam_padding import ThinnedTokens
 from zpm2.segment.sam_vicinity import NearTokens
@@ -78,13 +78,13 @@ class TorchBackend:
     def masks(
         self,
         parts: "tuple[Tensor, ...]",
-        sparse: Array,
+        asked: EmbeddedPrompts,
         least: float,
         first: int,
         size: tuple[int, int],
-        near: NearTokens | None = None,
+        soon: Callable[[], EmbeddedPrompts] | None = None,
     ) -> tuple[Rows, Array, Stack]:
-        iou, hyper, tokens = self.prompt(parts, sparse, near)
+        iou, hyper, tokens = self.prompt(parts, asked.sparse, asked.near)
         iou, hyper = iou[:, first:], hyper[:, first:]
         rows = promising(iou, least)
         if not len(rows):

@@ -2,6 +2,8 @@
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +13,10 @@ from zpm2.model import Image
 from zpm2.segment import stacks, suppression
 from zpm2.segment.mask_view import NETWORK_LOCK, MaskView, Room, predicted, settled
 from zpm2.segment.predictions import CORNER, MaskPredictions, MaskThresholds, Prompts
-from zpm2.segment.sam_backend import Opaque, SamBackend, of_photograph
+from zpm2.segment.sam_backend import EmbeddedPrompts, Opaque, SamBackend, of_photograph
 from zpm2.segment.sam_input import ENCODER_SIDE, encoder_input
 from zpm2.segment.sam_padding import thinned
-from zpm2.segment.sam_vicinity import TOKEN_PX, NearTokens, Vicinity
+from zpm2.segment.sam_vicinity import TOKEN_PX, Vicinity
 from zpm2.segment.stacks import Stack
 
 AMBIGUOUS_TOKENS = 1  # points of a prompt up to which it is ambiguous and gets three masks (Kirillov et al. 2023, 3)
@@ -65,63 +67,63 @@ class SamView(MaskView):
         return MaskPredictions.join(self._predict_whole(prompts, thresholds))
 
     def predict_small(
-        self, prompts: Prompts, thresholds: MaskThresholds, known: Sequence[MaskPredictions]
+        self,
+        prompts: Prompts,
+        thresholds: MaskThresholds,
+        known: Sequence[MaskPredictions],
+        soon: Prompts | None = None,
     ) -> MaskPredictions:
         """As `predict`, of prompts that mostly show something small: they see what is near them.
 
         A mask that is larger than that is taken for the one of the `known` masks that looks like it there. Where none
         does, the prompt is asked again with the whole photograph in sight.
         """
-        vicinity = self.vicinity
-        if vicinity is None or not len(prompts):
+        if self.vicinity is None or not len(prompts):
             return MaskPredictions.join(self._predict_whole(prompts, thresholds))
-        points = prompts.points * self.mask_scale
-        origins, held = vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
-        near, again = np.flatnonzero(held), [np.flatnonzero(~held)]
+        near, held = self._near(prompts)
+        later = None if soon is None else self._near(soon)[0]
+        row, again = np.flatnonzero(held), [np.flatnonzero(~held)]
 
-        def predict_near(part: Prompts, start: int) -> MaskPredictions:
-            rows = near[start : start + len(part)]
-            found, cut = self._predict_near(part, start, thresholds, origins[rows], known)
-            again.append(near[np.unique(found.prompt[cut])])
-            return found[~np.isin(found.prompt, found.prompt[cut])]
+        def predict_near(rows: slice, following: slice) -> MaskPredictions:
+            next_ones = near[following] if rows.stop < len(near) else later
+            found, cut = self._predict_near(near[rows], next_ones, thresholds, known)
+            found = dataclasses.replace(found, prompt=row[rows][found.prompt])
+            again.append(np.unique(found.prompt[cut]))
+            return found[~np.isin(found.prompt, again[-1])]
 
-        first = predicted(prompts[near], self.room, predict_near, self.size)
+        first = predicted(near.prompts, self.room, predict_near, self.size)
         rest = np.sort(np.concatenate(again))
         whole = self._predict_whole(prompts[rest], thresholds)
-        return MaskPredictions.join(
-            [
-                dataclasses.replace(part, prompt=rows[part.prompt])
-                for parts, rows in ((first, near), (whole, rest))
-                for part in parts
-            ]
-        )
+        return MaskPredictions.join([*first, *(dataclasses.replace(part, prompt=rest[part.prompt]) for part in whole)])
 
     def _predict_whole(self, prompts: Prompts, thresholds: MaskThresholds) -> list[MaskPredictions]:
         """The masks of prompts that see the whole photograph."""
 
-        def predict(part: Prompts, start: int) -> MaskPredictions:
-            answer = self._ask(part, thresholds, None, self.size)
+        def predict(rows: slice, following: slice) -> MaskPredictions:
+            answer = self._ask(_Asked(prompts[rows]), _Asked(prompts[following]), thresholds, self.size)
             if answer is None:
                 return MaskPredictions.none(self.size)
-            rows, iou, logits = answer
-            return self._settled(start + rows, iou, logits, thresholds)
+            found, iou, logits = answer
+            return self._settled(rows.start + found, iou, logits, thresholds)
 
         return predicted(prompts, self.room, predict, self.size)
 
+    def _near(self, prompts: Prompts) -> "tuple[_Asked, NDArray[np.bool_]]":
+        """Those of the prompts (n,) that windows hold, and which these are."""
+        assert self.vicinity is not None
+        points = prompts.points * self.mask_scale
+        origins, held = self.vicinity.origins(np.concatenate([points.min(1), points.max(1)], axis=1))
+        return _Asked(prompts[np.flatnonzero(held)], origins[held]), held
+
     def _predict_near(
-        self,
-        prompts: Prompts,
-        start: int,
-        thresholds: MaskThresholds,
-        origins: NDArray[np.int64],
-        known: Sequence[MaskPredictions],
+        self, asked: "_Asked", soon: "_Asked | None", thresholds: MaskThresholds, known: Sequence[MaskPredictions]
     ) -> tuple[MaskPredictions, NDArray[np.bool_]]:
-        """The masks of prompts that see what is near them, and of each whether it is cut off. The first prompt has row
-        `start`."""
-        vicinity = self.vicinity
+        """The masks of prompts that see what is near them, and of each whether it is cut off."""
+        vicinity, origins = self.vicinity, asked.origins
         assert vicinity is not None
+        assert origins is not None
         size, nothing = (TOKEN_PX * vicinity.size[0], TOKEN_PX * vicinity.size[1]), MaskPredictions.none(self.size)
-        answer = self._ask(prompts, thresholds, vicinity.near(origins), size)
+        answer = self._ask(asked, soon, thresholds, size)
         if answer is None:
             return nothing, np.zeros(0, bool)
         rows, iou, logits = answer
@@ -132,7 +134,7 @@ class SamView(MaskView):
         box = found.extent.box + np.tile(corner[:, ::-1], 2)
         placed = stacks.placed(found.logits, corner, self.size)
         extent = stacks.Extent(found.extent.area, box)
-        whole = MaskPredictions(start + found.prompt, found.score, found.stability, placed, extent)
+        whole = MaskPredictions(found.prompt, found.score, found.stability, placed, extent)
         return self._recognised(whole, cut, origins[found.prompt], known)
 
     def _recognised(
@@ -160,15 +162,22 @@ class SamView(MaskView):
         return MaskPredictions.join([masks[left], replaced]), np.append(cut[left], np.zeros(len(rows), bool))
 
     def _ask(
-        self, prompts: Prompts, thresholds: MaskThresholds, near: NearTokens | None, size: tuple[int, int]
+        self, asked: "_Asked", soon: "_Asked | None", thresholds: MaskThresholds, size: tuple[int, int]
     ) -> tuple[NDArray[np.intp], NDArray[np.float32], Stack] | None:
         """The rows (m,) of prompts that have good masks, the predicted IoU (m, M) of all their masks, and the logits
         (m, M, height, width); None where no prompt has one."""
-        first = 1 if prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
-        sparse = self.backend.embed(prompts.points * self.scale, prompts.labels)
+        first = 1 if asked.prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
+        embedded, later = self._embedded(asked), None if not soon else partial(self._embedded, soon)
         with NETWORK_LOCK:
-            rows, iou, logits = self.backend.masks(self.parts, sparse, thresholds.predicted_iou, first, size, near)
+            rows, iou, logits = self.backend.masks(self.parts, embedded, thresholds.predicted_iou, first, size, later)
         return (rows, iou, logits) if len(rows) else None
+
+    def _embedded(self, asked: "_Asked") -> EmbeddedPrompts:
+        near = None
+        if asked.origins is not None:
+            assert self.vicinity is not None
+            near = self.vicinity.near(asked.origins)
+        return EmbeddedPrompts(self.backend.embed(asked.prompts.points * self.scale, asked.prompts.labels), near)
 
     def _settled(
         self, rows: NDArray[np.intp], iou: NDArray[np.float32], logits: Stack, thresholds: MaskThresholds
@@ -181,6 +190,20 @@ class SamView(MaskView):
     def embedding(self) -> NDArray[np.float32]:
         """(256, h, w) the encoder's image tokens, without those of the padding."""
         return of_photograph(self.backend.tokens(self.parts)[None], self.size)[0].transpose(2, 0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """n prompts of one view, and what they see of it."""
+
+    prompts: Prompts
+    origins: NDArray[np.int64] | None = None  # (n, 2) row and column of the first token of their windows; None: all
+
+    def __len__(self) -> int:
+        return len(self.prompts)
+
+    def __getitem__(self, rows: slice) -> "_Asked":
+        return _Asked(self.prompts[rows], None if self.origins is None else self.origins[rows])
 
 
 def encoder_scale(image: Image) -> float:
