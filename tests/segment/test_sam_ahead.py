@@ -104,6 +104,7 @@ def test_what_is_not_asked_is_not_begun_any_more(monkeypatch: pytest.MonkeyPatch
     ahead(prompts([0]), lambda: prompts([1, 2, 3, 4, 5, 6]))  # of which 1 to 4 keep both cores busy
     assert ahead(prompts([1]), soon) == [(1, None)]
     ahead.end()
+    assert ahead.idle
     assert {5, 6}.isdisjoint(answers.numbers)
 
 
@@ -116,7 +117,7 @@ def test_the_end_waits_for_what_is_at_work(monkeypatch: pytest.MonkeyPatch) -> N
     ahead.end()
     begun = len(answers.batches)
     assert len(done) == begun
-    assert not len(ahead)
+    assert ahead.idle
     time.sleep(0.1)
     assert len(answers.batches) == begun  # what had not started does not start
 

@@ -27,15 +27,22 @@ class Ahead(Generic[Answer]):
     def __init__(self, answer: Callable[[EmbeddedPrompts], list[Answer]], batch: int) -> None:
         self._answer, self._batch = answer, batch
         self._begun: dict[bytes, tuple[Future[list[Answer]], int]] = {}  # of a prompt: its batch, and its row there
+        self._at_work: list[Future[list[Answer]]] = []  # batches that have not ended, also of dropped prompts
 
     def __len__(self) -> int:
         """How many prompts were begun and not asked yet."""
         return len(self._begun)
 
+    @property
+    def idle(self) -> bool:
+        """Whether no prompt is begun and no core is at work."""
+        return not self._begun and all(batch.done() for batch in self._at_work)
+
     def __call__(self, asked: EmbeddedPrompts, soon: Callable[[], EmbeddedPrompts] | None = None) -> list[Answer]:
         """The answer to each prompt that is asked. Cores that are idle meanwhile, and after that, go on with those that
         may be asked `soon`. What was begun so and is not asked now is dropped."""
         names = _names(asked)
+        self._at_work = [batch for batch in self._at_work if not batch.done()]
         self._drop(self._begun.keys() - set(names))
         try:
             if self._begin(asked, names, needed=True) and soon is not None:
@@ -47,9 +54,8 @@ class Ahead(Generic[Answer]):
 
     def end(self) -> None:
         """Drops what was begun, and waits until no core is at work."""
-        running = [batch for batch, _ in self._begun.values()]
         self._drop(list(self._begun))
-        wait(running)
+        wait(self._at_work)
 
     def _begin(self, prompts: EmbeddedPrompts, names: list[bytes], needed: bool) -> bool:
         """Hands out the prompts that are not begun yet, and says whether there are several cores. Where there is one,
@@ -66,6 +72,7 @@ class Ahead(Generic[Answer]):
                     break
                 batch = Future()
                 batch.set_result(answers())
+            self._at_work.append(batch)
             self._begun |= {names[row]: (batch, k) for k, row in enumerate(rows)}
         return several
 

@@ -7,7 +7,6 @@ Every core answers prompts by itself: what few prompts need stays in its cache, 
 what a prompt is answered does not depend on how many cores there are.
 """
 
-import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zpm2 import weights
-from zpm2.cores import limit
+from zpm2.cores import limit, usable
 from zpm2.runtime import mark_networks_loaded
 from zpm2.segment.sam_ahead import Ahead
 from zpm2.segment.sam_backend import WEIGHTS, Array, EmbeddedPrompts, of_photograph, promising, rows_of
@@ -34,9 +33,7 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 Shapes = tuple[tuple[int, ...], ...]
-Answer = tuple[
-    Array, Array | None
-]  # predicted IoU (M,) of a prompt's masks; (M, height, width), where one is promising
+Answer = tuple[Array, Array | None]  # predicted IoU (M,) of a prompt's masks, and logits (M, h, w) if one is promising
 
 VERSION = 6  # of the cut into networks; raise it when sam_network.py changes what they compute
 NETWORKS = ("image", "prompt", "near", "mask")
@@ -44,6 +41,10 @@ PRECISIONS = {"float32": "f32", "float16": "f16", "bfloat16": "bf16"}  # as Open
 # prompts at a time on one core, that see all tokens and that see what is near: those that take the least time each
 FAR_BATCH, NEAR_BATCH = 1, 2
 MOST_CORES = 8  # that answer at a time: as many as 16 prompts have parts; each takes 7 to 14 MB for a network
+# Cores up to which each has networks of its own, for another 20 to 40 MB each. OpenVINO runs one request at a time of a
+# compiled network in the thread that asks, or several in threads of its own: those of two networks in turns leave cores
+# idle.
+OWN_NETWORKS = 2
 MASKS, HYPER = 4, 32  # masks of a prompt, and weights of each
 TOKEN_AXES = (0, 2, 1, 0, 0)  # of the parts that `sam_network.ImageNetwork` returns
 ANY = -1  # image tokens that one network takes, where all are seen: a photograph's shape says how many
@@ -64,31 +65,31 @@ def openvino_core() -> "Core":
 
 
 class _Network:
-    """A graph for inputs of some shapes, compiled once for each of at most `most` threads that run it at a time."""
+    """A graph for inputs of some shapes, and the memory that it works in: a request for each thread that runs it. It is
+    compiled once for all of these, or for each its `own`."""
 
-    def __init__(self, compile: "Callable[[], CompiledModel]", most: int) -> None:
-        self._compile, self._free = compile, threading.Semaphore(most)
-        self._idle: list[tuple[CompiledModel, InferRequest | None]] = []  # with the memory that it works in
+    def __init__(self, compiled: "Callable[[], CompiledModel]", own: bool) -> None:
+        self._compiled, self._shared = compiled, None if own else compiled()
+        self._idle: list[tuple[CompiledModel, InferRequest | None]] = []
 
     @contextmanager
     def request(self) -> "Iterator[InferRequest]":
         """What one thread runs. The outputs lie in its memory, until it runs again or rests."""
-        with self._free:
-            try:
-                compiled, request = self._idle.pop()
-            except IndexError:
-                compiled, request = self._compile(), None
-            request = request or compiled.create_infer_request()
-            try:
-                yield request
-            finally:
-                self._idle.append((compiled, request))
+        try:
+            compiled, request = self._idle.pop()
+        except IndexError:
+            compiled, request = self._shared if self._shared is not None else self._compiled(), None
+        request = request or compiled.create_infer_request()
+        try:
+            yield request
+        finally:
+            self._idle.append((compiled, request))
 
     def rest(self) -> None:
         """Frees the memory that it works in, some 250 MB of an image network, while no thread runs it."""
-        working = [compiled for compiled, request in self._idle if request is not None]
+        working = {id(compiled): compiled for compiled, request in self._idle if request is not None}
         self._idle = [(compiled, None) for compiled, _ in self._idle]
-        for compiled in working:
+        for compiled in working.values():
             compiled.release_memory()
 
 
@@ -119,16 +120,19 @@ class OpenVinoBackend:
         if shapes not in kept:
             # the same arithmetic on every machine: without the hint, CPUs with bfloat16 units would use them
             options: dict[str, object] = {"INFERENCE_PRECISION_HINT": "f32" if name == "image" else self.precision}
+            own = name != "image" and usable() <= OWN_NETWORKS
             if name == "image":
                 options["PERFORMANCE_HINT"] = "LATENCY"
                 if (most := limit()) is not None:
                     options["INFERENCE_NUM_THREADS"] = most
-            else:
+            elif own:
                 options |= {"NUM_STREAMS": 0, "INFERENCE_NUM_THREADS": 1}  # in the thread that asks
+            else:
+                cores = min(usable(), MOST_CORES)
+                options |= {"NUM_STREAMS": cores, "INFERENCE_NUM_THREADS": cores}
             graph = self.graphs[name].clone()
             graph.reshape(dict(zip(graph.inputs, shapes, strict=True)))
-            compile = partial(self.core.compile_model, graph, "CPU", options)
-            kept[shapes] = _Network(compile, 1 if name == "image" else MOST_CORES)
+            kept[shapes] = _Network(partial(self.core.compile_model, graph, "CPU", options), own)
             while len(kept) > KEPT:
                 kept.popitem(last=False)
         kept.move_to_end(shapes)
@@ -165,14 +169,15 @@ class OpenVinoBackend:
         self._rest("image")
         name = "prompt" if asked.near is None else "near"
         answers = self._answers(name, parts, asked, least, first, size)
-        before, ahead = self._ahead.pop(name, (None, None))
+        before, ahead = self._ahead.get(name, (None, None))
         if before is None or ahead is None or not answers.are_like(before):
             if ahead is not None:
                 ahead.end()
             ahead = Ahead(answers, answers.batch)
+        self._ahead[name] = answers, ahead
         found = ahead(asked, soon)
-        if len(ahead):
-            self._ahead[name] = answers, ahead
+        if ahead.idle:
+            del self._ahead[name]
         iou = np.array([every for every, _ in found], np.float32).reshape(len(asked), MASKS - first)
         logits = [decoded for _, decoded in found if decoded is not None]
         good = promising(iou, least)
