@@ -22,6 +22,10 @@ WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # a GPU in s
 PATIENCE = 60.0  # seconds
 
 
+class PageLeftError(AssertionError):
+    """The page that was asked has gone."""
+
+
 class Browser:
     """One page of a browser. `errors` are what its console reported."""
 
@@ -86,9 +90,15 @@ class Browser:
 
     def wait(self, expression: str) -> None:
         end = time.monotonic() + PATIENCE
-        while not self.run(expression):
+        while not self._holds(expression):
             assert time.monotonic() < end, f"{expression}; {self.errors}"
             time.sleep(0.02)
+
+    def _holds(self, expression: str) -> bool:
+        try:
+            return bool(self.run(expression))
+        except PageLeftError:  # it is being loaded again, say
+            return False
 
     def run(self, expression: str) -> Any:
         """The value of a JavaScript expression, awaited."""
@@ -133,6 +143,8 @@ class Browser:
         while True:
             answer = self._next()
             if answer.get("id") == self._number:
+                if "navigated or closed" in answer.get("error", {}).get("message", ""):
+                    raise PageLeftError(method)
                 assert "error" not in answer, (method, answer["error"])
                 return answer["result"]
             self._note(answer)

@@ -79,7 +79,7 @@ class SamView(MaskView):
         does, the prompt is asked again with the whole photograph in sight.
         """
         if self.vicinity is None or not len(prompts):
-            return MaskPredictions.join(self._predict_whole(prompts, thresholds))
+            return MaskPredictions.join(self._predict_whole(prompts, thresholds, soon))
         near, held = self._near(prompts)
         later = None if soon is None else self._near(soon)[0]
         row, again = np.flatnonzero(held), [np.flatnonzero(~held)]
@@ -96,11 +96,15 @@ class SamView(MaskView):
         whole = self._predict_whole(prompts[rest], thresholds)
         return MaskPredictions.join([*first, *(dataclasses.replace(part, prompt=rest[part.prompt]) for part in whole)])
 
-    def _predict_whole(self, prompts: Prompts, thresholds: MaskThresholds) -> list[MaskPredictions]:
+    def _predict_whole(
+        self, prompts: Prompts, thresholds: MaskThresholds, soon: Prompts | None = None
+    ) -> list[MaskPredictions]:
         """The masks of prompts that see the whole photograph."""
+        later = None if soon is None else _Asked(soon)
 
         def predict(rows: slice, following: slice) -> MaskPredictions:
-            answer = self._ask(_Asked(prompts[rows]), _Asked(prompts[following]), thresholds, self.size)
+            next_ones = _Asked(prompts[following]) if rows.stop < len(prompts) else later
+            answer = self._ask(_Asked(prompts[rows]), next_ones, thresholds, self.size)
             if answer is None:
                 return MaskPredictions.none(self.size)
             found, iou, logits = answer
