@@ -96,12 +96,12 @@ def remembered(file: Path) -> Iterator[None]:
             view.backend, view.config, view.batch = backend, config, backend.batch
         view.of = hashlib.sha256(image.rgb.tobytes()).hexdigest()
 
-    def asked(answer: Callable[..., Any], view: Any, prompts: Any, thresholds: Any, masks: Any = (), *soon: Any) -> Any:
-        areas = [part.extent.area.tolist() for part in masks]
+    def asked(answer: Callable[..., Any], view: Any, prompts: Any, thresholds: Any, *more: Any) -> Any:
+        areas = [part.extent.area.tolist() for masks in more[:1] for part in masks]
         key = view.of, hashlib.sha256(prompts.points.tobytes()).hexdigest(), str(prompts.labels), str(thresholds)
         key = *key, hashlib.sha256(str(areas).encode()).hexdigest()
         if key not in known:
-            known[key] = answer(view, prompts, thresholds, *([masks] if soon else []), *soon)
+            known[key] = answer(view, prompts, thresholds, *more)
         return known[key]
 
     def found(finder: Any, *asked: Any) -> Any:

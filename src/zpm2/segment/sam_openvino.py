@@ -169,12 +169,11 @@ class OpenVinoBackend:
         self._rest("image")
         name = "prompt" if asked.near is None else "near"
         answers = self._answers(name, parts, asked, least, first, size)
-        before, ahead = self._ahead.get(name, (None, None))
-        if before is None or ahead is None or not answers.are_like(before):
-            if ahead is not None:
-                ahead.end()
-            ahead = Ahead(answers, answers.batch)
-        self._ahead[name] = answers, ahead
+        kept = self._ahead.get(name)
+        if kept is not None and not answers.are_like(kept[0]):
+            kept[1].end()
+            kept = None
+        _, ahead = self._ahead[name] = kept or (answers, Ahead(answers, answers.batch))
         found = ahead(asked, soon)
         if ahead.idle:
             del self._ahead[name]
@@ -186,13 +185,12 @@ class OpenVinoBackend:
     def _answers(
         self, name: str, parts: list[Array], asked: EmbeddedPrompts, least: float, first: int, size: tuple[int, int]
     ) -> "_Answers":
-        far, form = asked.near is None, asked.sparse.shape[1:]
-        batch = FAR_BATCH if far else NEAR_BATCH
         if asked.near is None:
-            shapes = _shapes(parts, ANY)
+            batch, shapes = FAR_BATCH, _shapes(parts, ANY)
         else:
+            batch = NEAR_BATCH
             shapes = [(batch, *shape) for shape in _shapes(parts, asked.near.rows.shape[1])]
-        prompting = self._network(name, *shapes, (batch, *form))
+        prompting = self._network(name, *shapes, (batch, *asked.sparse.shape[1:]))
         high, wide = (-(-side // TOKEN_PX) for side in size)
         decoding = self._network("mask", (1, high, wide, parts[0].shape[1]), (1, MASKS - first, HYPER))
         return _Answers(parts, least, first, size, batch, prompting, decoding)
