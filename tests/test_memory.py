@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2 import memory
+from zpm2 import control_groups, memory
 from zpm2.errors import ConfigError, InputError
 
 
@@ -52,8 +52,8 @@ def test_a_control_group_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "a" / "memory.stat").write_text("")
     listed = tmp_path / "listed"
     listed.write_text("4:memory:/c\n2:cpu:/x\n0::/a/b\n")
-    monkeypatch.setattr(memory, "_CGROUPS", tmp_path)
-    monkeypatch.setattr(memory, "_LISTED", listed)
+    monkeypatch.setattr(control_groups, "_MOUNTED", tmp_path)
+    monkeypatch.setattr(control_groups, "_LISTED", listed)
     assert sorted(memory._free_of_groups()) == [500_000, 500_000]
     assert memory.free() == 500_000
 

@@ -6,9 +6,9 @@
 Names, and modules of the package (`zpm2.pose`, `zpm2.cloud`, ...), are loaded when first used, so that `import zpm2` is
 quick and loads no network library.
 
-OpenCV, where it is loaded afterwards, takes no more threads than `OMP_NUM_THREADS` says, which it does not know by
-itself. Who sets that shares the cores, so its threads then do not keep them busy while they wait for work. What the
-environment already tells OpenCV stays.
+OpenCV, where it is loaded afterwards, takes no more threads than `OMP_NUM_THREADS` or a quota of processor time allows
+(`zpm2.cores.told`), which it does not know by itself. Where either is set cores are shared, so its threads then do not
+keep them busy while they wait for work. What the environment already tells OpenCV stays.
 """
 
 import os
@@ -16,11 +16,12 @@ import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-_threads = os.environ.get("OMP_NUM_THREADS", "")
-if _threads.isdecimal() and int(_threads) > 0:
+from zpm2.cores import told
+
+if (_threads := told()) is not None:
     os.environ.setdefault("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "0")
-    if int(_threads) < (os.cpu_count() or 1):
-        os.environ.setdefault("OPENCV_FOR_THREADS_NUM", _threads)
+    if _threads < (os.cpu_count() or 1):
+        os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(_threads))
 
 if TYPE_CHECKING:
     from zpm2.api import Matcher, match

@@ -2,11 +2,14 @@
 OpenCV, GEOS, OpenVINO, and NumPy on large arrays do."""
 
 import functools
+import math
 import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
+
+from zpm2.control_groups import quota
 
 T = TypeVar("T")
 _this_thread = threading.local()
@@ -30,14 +33,20 @@ def begin(do: Callable[[], T]) -> Future[T] | None:
 
 
 def usable() -> int:
-    """Cores that this process may use: those that the system gives it, and at most `OMP_NUM_THREADS`."""
+    """Cores that this process may use: those that the system gives it, and at most as many as it is `told`."""
     given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(given, told() or given)
+
+
+def told() -> int | None:
+    """Threads that `OMP_NUM_THREADS` allows. Where it is not set, as many as use up the quota of processor time of our
+    control groups, which leave all cores visible. None where there is neither."""
     wanted = os.environ.get("OMP_NUM_THREADS", "")
-    return max(1, min(given, int(wanted))) if wanted.isdecimal() else given
+    return (int(wanted) if wanted.isdecimal() else 0) or _quota()
 
 
 def limit() -> int | None:
-    """`usable` cores where the machine has more, else None: for libraries that do not know `OMP_NUM_THREADS`."""
+    """`usable` cores where the machine has more, else None: for libraries that see all of them."""
     cores = usable()
     return cores if cores < (os.cpu_count() or 1) else None
 
@@ -46,6 +55,12 @@ def _several() -> ThreadPoolExecutor | None:
     """A thread for each core, where there are several and this thread is none of those."""
     threads = 1 if hasattr(_this_thread, "is_ours") else usable()
     return None if threads == 1 else _pool(os.getpid(), threads)
+
+
+@functools.cache
+def _quota() -> int | None:
+    most = quota()
+    return None if math.isinf(most) else max(1, math.ceil(most))
 
 
 @functools.lru_cache(1)

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from zpm2.control_groups import folders
 from zpm2.errors import ConfigError, InputError
 
 AUTO, UNLIMITED = "auto", "none"
@@ -20,7 +21,6 @@ FREE_SHARE = 0.8  # share of the free memory and this process's own; the rest is
 UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 
 _SIZE = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([KMGT]I?B)", re.IGNORECASE)
-_CGROUPS, _LISTED = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 _limit: ContextVar[str] = ContextVar("max_memory", default=AUTO)
 _reserved: ContextVar[float] = ContextVar("reserved", default=0.0)
 _processes = 1  # of one run, this one included, which share a budget
@@ -114,26 +114,16 @@ def free() -> float:
 
 
 def _free_of_groups() -> Iterator[float]:
-    """What is left in each control group that we are in, of version 1 or 2, as far as it is mounted here."""
-    try:
-        lines = _LISTED.read_text().splitlines()
-    except OSError:
-        return
-    for line in lines:
-        _, kinds, group = line.split(":", 2)
-        if kinds not in ("", "memory"):
+    """What is left in each control group that we are in."""
+    for folder, second in folders("memory"):
+        names = ("memory.max", "memory.current") if second else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        try:
+            most, used = ((folder / name).read_text().strip() for name in names)
+            cached = re.search(r"^(?:total_)?inactive_file (\d+)$", (folder / "memory.stat").read_text(), re.M)
+        except OSError:
             continue
-        names = ("memory.max", "memory.current") if not kinds else ("memory.limit_in_bytes", "memory.usage_in_bytes")
-        top = _CGROUPS / kinds
-        for folder in (place := top / group.strip("/"), *place.parents):
-            if folder.is_relative_to(top):
-                try:
-                    most, used = ((folder / name).read_text().strip() for name in names)
-                    cached = re.search(r"^(?:total_)?inactive_file (\d+)$", (folder / "memory.stat").read_text(), re.M)
-                except OSError:
-                    continue
-                if most != "max":
-                    yield max(0.0, float(most) - float(used) + float(cached[1] if cached else 0))
+        if most != "max":
+            yield max(0.0, float(most) - float(used) + float(cached[1] if cached else 0))
 
 
 def _own() -> float:

@@ -1,5 +1,5 @@
-"""The device, the timer of stages, a lock for networks, which cannot run in forked processes, and what makes torch's
-first call equal to its later ones.
+"""The device, the timer of stages, a lock for networks, which cannot run in forked processes, and what torch is told
+before its first call.
 
 A process that is forked from one with networks lacks the threads that torch and OpenVINO compute with, and would wait
 for them for ever.
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
+from zpm2.cores import usable
 from zpm2.errors import ConfigError, ForkError
 
 # torch has Intel's MKL compute these on a CPU
@@ -42,7 +43,8 @@ def check_not_forked() -> None:
 
 @functools.cache
 def settle_torch() -> None:
-    """Calls each of `MKL_FUNCTIONS` on one number, once in a process, before networks run.
+    """Once in a process, before networks run: limits torch to the cores that are usable, as it does not know quotas of
+    processor time, and calls each of `MKL_FUNCTIONS` on one number.
 
     MKL chooses how to compute a function when it is first called. Where several threads make this first call together,
     one of them may compute its part with 11 correct bits (pytorch/pytorch issue 188792), so that one process in twenty
@@ -50,6 +52,8 @@ def settle_torch() -> None:
     """
     import torch
 
+    if torch.get_num_threads() > usable():
+        torch.set_num_threads(usable())
     for number in torch.full((1,), 0.5), torch.full((1,), 0.5, dtype=torch.float64):
         for name in MKL_FUNCTIONS:
             getattr(torch, name)(number)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from loopback import CONTENT, Server
 
-from zpm2 import weights
+from zpm2 import runtime, weights
 from zpm2.errors import WeightsError
 from zpm2.runtime import MKL_FUNCTIONS, settle_torch
 from zpm2.weights import Entry, cache_dir, store
@@ -167,6 +167,23 @@ def test_torch_computes_one_number_before_a_network_runs(tmp_path: Path, monkeyp
         torch.cos(torch.zeros(100_000))
     once = [(1, torch.float32), (1, torch.float64)]
     assert seen == dict.fromkeys(MKL_FUNCTIONS, once) | {"cos": [*once, (100_000, torch.float32)]}
+
+
+@pytest.mark.parametrize(("usable", "expected"), [(1, 1), (5, 2)])
+def test_torch_takes_no_more_threads_than_there_are_cores_to_use(
+    monkeypatch: pytest.MonkeyPatch, usable: int, expected: int
+):
+    import torch
+
+    before = torch.get_num_threads()
+    monkeypatch.setattr(runtime, "usable", lambda: usable)
+    try:
+        torch.set_num_threads(2)
+        settle_torch.cache_clear()
+        settle_torch()
+        assert torch.get_num_threads() == expected
+    finally:
+        torch.set_num_threads(before)
 
 
 class Trap:

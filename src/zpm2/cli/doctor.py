@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from zpm2 import weights
 from zpm2.cli.options import AsJson, WeightsDir, use_weights
+from zpm2.cores import usable
 from zpm2.runtime import package_version
 
 PACKAGES = (
@@ -53,7 +54,7 @@ def _devices() -> dict[str, str]:
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     names = ", ".join(torch.cuda.get_device_name(k) for k in range(count))
     return {
-        "cpu": f"{os.cpu_count()} cores, {torch.get_num_threads()} threads for torch",
+        "cpu": f"{os.cpu_count()} cores, of which zpm2 uses {usable()}; {torch.get_num_threads()} threads for torch",
         "cuda": names or "none",
         "segmenter on the CPU": "openvino" if _versions()["openvino"] != "not installed" else "torch (slower)",
     }

@@ -17,6 +17,7 @@ from zpm2.batch.job import Job, Task
 from zpm2.batch.results import Row
 from zpm2.batch.supply import Supply
 from zpm2.batch.worker import Trouble, Worker
+from zpm2.cores import usable
 from zpm2.errors import Zpm2Error
 from zpm2.runtime import resolve_device
 
@@ -100,7 +101,7 @@ def _start(number: int, workers: int, job: Job, gpus: list[str]) -> _Hand:
 @contextmanager
 def _environment(more: dict[str, str], workers: int) -> Iterator[None]:
     """What a process that is started inside finds: `more`, and its part of the threads unless the user set them."""
-    more = {THREADS: str(max(1, (os.cpu_count() or 1) // workers)), **more}
+    more = {THREADS: str(max(1, usable() // workers)), **more}
     before = dict(os.environ)
     os.environ.update({name: value for name, value in more.items() if name != THREADS or THREADS not in before})
     try:
