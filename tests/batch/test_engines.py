@@ -1,6 +1,7 @@
 """Each way to run a list gives the same results, each once, whatever happens to its workers."""
 
 import itertools
+import os
 from collections.abc import Callable, Generator
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from pair_stubs import LENGTHS, content, counted, listed
 
 from zpm2 import batch
+from zpm2.batch.engines import processes
 from zpm2.batch.engines.engine import Engine
 from zpm2.batch.job import Job
 from zpm2.batch.results import Row
@@ -43,6 +45,19 @@ def on_ray() -> Engine:
 
 ENGINES = [Here, lambda: batch.Processes(2), on_ray]
 MORTAL = pytest.mark.parametrize("engine", ENGINES[1:], ids=["processes", "ray"])
+
+
+@pytest.mark.parametrize(("told", "inside"), [(None, "2"), ("5", "5")])
+def test_workers_share_the_cores_unless_told_how_many(
+    monkeypatch: pytest.MonkeyPatch, told: str | None, inside: str
+) -> None:
+    monkeypatch.setattr(processes, "usable", lambda: 8)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if told:
+        monkeypatch.setenv("OMP_NUM_THREADS", told)
+    with processes._environment({}, 3):
+        assert os.environ["OMP_NUM_THREADS"] == inside
+    assert os.environ.get("OMP_NUM_THREADS") == told
 
 
 def job(out: Path, **more: object) -> Job:

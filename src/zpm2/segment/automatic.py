@@ -105,7 +105,7 @@ def _predict_selected(
                 return _small(view, prompts, thresholds, [surest, *found], following)
             return view.predict(prompts, thresholds)
 
-        rows, prompted, answers = np.arange(len(at)), 0, _Ahead(ask, view)
+        rows, prompted, answers = np.arange(len(at)), 0, _Batched(ask, view)
         while prompted < most and len(rows := rows[wanted(rows)]):
             chosen, rows = np.split(rows, [min(limits.chosen, most - prompted)])
             predictions = answers(chosen, rows[: most - prompted - len(chosen)])
@@ -136,7 +136,7 @@ def _small(
     return view.predict(prompts, thresholds)
 
 
-class _Ahead:
+class _Batched:
     """The answers of a `view` to prompts that are chosen few at a time. Where a device takes more at a time, those that
     are likely to be next are asked with them, so that what is chosen does not depend on the device. `ask` gets these,
     and as many that are likely to follow."""
