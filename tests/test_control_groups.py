@@ -32,6 +32,9 @@ def group(folder: Path, names: tuple[str, ...], text: str) -> None:
         ("0::/a/b", "a/b", V2, "max 100000", math.inf),
         ("0::/a/b", "a/c", V2, "100000 100000", math.inf),  # not ours
         ("0::/a/b", "a/b", V2, "", math.inf),
+        ("0::/a/b", "a/b", V2, "all 100000", math.inf),
+        ("0::/a/b", "a/b", V2, "100000 0", math.inf),
+        ("of no form", "", V2, "100000 100000", math.inf),
         ("0::/", "", V2, "200000 100000", 2.0),  # as a container sees it
         ("2:cpu:/a\n0::/", "cpu/a", V1, "50000\n100000", 0.5),
         ("2:cpu,cpuacct:/a", "cpu,cpuacct/a", V1, "300000\n100000", 3.0),

@@ -11,11 +11,10 @@ def folders(of: str) -> Iterator[tuple[Path, bool]]:
     """The folder of each group that may limit the "memory" or the "cpu", from our own to the topmost one, as far as it
     is mounted here, and whether it is of version 2."""
     try:
-        lines = _LISTED.read_text().splitlines()
-    except OSError:
+        lines = [line.split(":", 2) for line in _LISTED.read_text().splitlines()]
+    except (OSError, ValueError):
         return
-    for line in lines:
-        _, kinds, group = line.split(":", 2)
+    for _, kinds, group in (line for line in lines if len(line) == 3):
         if kinds and of not in kinds.split(","):
             continue
         top = _MOUNTED / kinds
@@ -32,8 +31,12 @@ def quota() -> float:
         names = ("cpu.max",) if second else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
         try:
             time, period = " ".join((folder / name).read_text() for name in names).split()
-        except (OSError, ValueError):
+            if time not in ("max", "-1"):
+                least = min(least, float(time) / float(period))
+        except (
+            OSError,
+            ValueError,
+            ZeroDivisionError,
+        ):  # of an odd form: `import zpm2` comes here
             continue
-        if time not in ("max", "-1"):
-            least = min(least, float(time) / float(period))
     return least
