@@ -23,6 +23,7 @@ OPENING = (  # of libraries, where they are given a path or its file
 )
 LIBRARIES = ("np", "json", "torch", "pickle", "trimesh", "PIL")
 NOT_READ = {  # functions in which these names open what no user's file is, and what looks after that
+    "control_groups.py: quota": "the kernel's, when the package is imported: tests/test_control_groups.py",
     "files/reading.py: unpack_gzip": "bytes",
     "export/colmap.py: write": "the photographs, which COLMAP reads in a temporary database of our own",
     "photos/shelf.py: get": "what this run itself wrote, in its own temporary folder",

@@ -7,7 +7,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 from zpm2 import weights
 from zpm2.cli.options import AsJson, WeightsDir, use_weights
-from zpm2.cores import usable
 from zpm2.runtime import package_version
 
 PACKAGES = (
@@ -50,6 +49,8 @@ def _versions() -> dict[str, str]:
 
 def _devices() -> dict[str, str]:
     import torch
+
+    from zpm2.cores import usable
 
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     names = ", ".join(torch.cuda.get_device_name(k) for k in range(count))
