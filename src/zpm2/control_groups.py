@@ -25,7 +25,7 @@ def folders(of: str) -> Iterator[tuple[Path, bool]]:
 
 def quota() -> float:
     """Seconds of processor time that this process may take in each second (`docker run --cpus 4`); infinite where there
-    is no quota."""
+    is no quota, or one of a form that is not Linux's: `import zpm2` asks for it."""
     least = math.inf
     for folder, second in folders("cpu"):
         names = ("cpu.max",) if second else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
@@ -33,10 +33,6 @@ def quota() -> float:
             time, period = " ".join((folder / name).read_text() for name in names).split()
             if time not in ("max", "-1"):
                 least = min(least, float(time) / float(period))
-        except (
-            OSError,
-            ValueError,
-            ZeroDivisionError,
-        ):  # of an odd form: `import zpm2` comes here
+        except (OSError, ValueError, ZeroDivisionError):
             continue
     return least

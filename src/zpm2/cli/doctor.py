@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from zpm2 import weights
 from zpm2.cli.options import AsJson, WeightsDir, use_weights
-from zpm2.runtime import package_version
+from zpm2.runtime import package_version, settle_torch
 
 PACKAGES = (
     *("torch", "kornia", "openvino", "poselib", "opencv-python-headless", "shapely", "numpy", "scipy"),
@@ -52,6 +52,7 @@ def _devices() -> dict[str, str]:
 
     from zpm2.cores import usable
 
+    settle_torch()
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     names = ", ".join(torch.cuda.get_device_name(k) for k in range(count))
     return {
