@@ -2,14 +2,16 @@
 
 The user sets the budget; by default it is a share of the free memory. Code that is about to use much memory calls
 `refuse_above` first, so that the user gets a one-line message instead of a process that the system kills. `within` sets
-the budget for the code that runs inside it.
+the budget for the code that runs inside it. Code that has used much calls `give_back`.
 """
 
+import contextlib
+import ctypes
 import math
 import os
 import re
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -40,7 +42,7 @@ def size(text: str) -> float:
     return bytes_
 
 
-@contextmanager
+@contextlib.contextmanager
 def within(text: str) -> Iterator[None]:
     """Sets the budget (`size`) inside."""
     token = _limit.set(text)
@@ -50,7 +52,7 @@ def within(text: str) -> Iterator[None]:
         _limit.reset(token)
 
 
-@contextmanager
+@contextlib.contextmanager
 def reserved(bytes_: float) -> Iterator[None]:
     """Lowers the budget, for the code inside, by the bytes that the caller itself holds."""
     token = _reserved.set(_reserved.get() + bytes_)
@@ -89,6 +91,14 @@ def refuse_above(needed: float, what: str, way_out: str) -> None:
         raise InputError(
             f"{what} needs about {in_words(needed)} of memory, the budget is {in_words(most)} ({whose()}): {way_out}"
         )
+
+
+def give_back() -> None:
+    """Return freed memory to the system. The GNU C library would keep it, in pieces that what comes next may not fit
+    into; others need no call."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def in_words(bytes_: float) -> str:

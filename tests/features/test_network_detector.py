@@ -10,7 +10,7 @@ from zpm2.model import Image
 
 
 @pytest.mark.parametrize(
-    ("bytes_per_pixel", "batches"), [(0.0, [16, 4]), (140.0, [16, 4]), (8e4, [3, 3, 3, 3, 3, 1, 3, 1])]
+    ("bytes_per_pixel", "batches"), [(0.0, [16, 4]), (140.0, [16, 4]), (4e4, [3, 3, 3, 3, 3, 1, 3, 1])]
 )
 def test_a_batch_is_bounded_by_its_memory(bytes_per_pixel: float, batches: list[int]) -> None:
     seen: list[int] = []

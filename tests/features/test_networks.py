@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 from kornia.feature import ALIKED, LightGlue
+from kornia.feature.aliked.aliked import DeformableConv2d
+from kornia.feature.lightglue import filter_matches
 from torch import nn
 
 from zpm2.config import PointsConfig
 from zpm2.features import superpoint_network, xfeat_network
-from zpm2.features.aliked_network import AlikedNetwork
-from zpm2.features.lightglue import SETTINGS, FusedCrossAttention, published_names
+from zpm2.features.aliked_network import AlikedNetwork, DeformableConvolution
+from zpm2.features.lightglue import SETTINGS, FusedCrossAttention, LeanAssignment, published_names
 
 THRESHOLD = PointsConfig().superpoint_threshold
 LAYERS = ["1a", "1b", "2a", "2b", "3a", "3b", "4a", "4b", "Pa", "Pb", "Da", "Db"]
@@ -121,6 +123,23 @@ def test_fused_cross_attention_is_that_of_kornia(name: str, masked: bool) -> Non
             torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["xfeat_lighterglue", "disk_lightglue"])
+@pytest.mark.parametrize(("m", "n"), [(300, 41), (1, 520), (5, 3)])
+def test_lean_assignment_is_that_of_kornia(name: str, m: int, n: int) -> None:
+    torch.manual_seed(0)
+    head = LightGlue(None, **SETTINGS[name]).log_assignment[0].eval()
+    size = head.final_proj.in_features
+    first, second = torch.randn(1, m, size), torch.randn(1, n, size)
+    lean = LeanAssignment(head)
+    with torch.inference_mode():
+        ours, theirs = lean(first, second)[0], head(first, second)[0]
+        assert torch.equal(lean.get_matchability(first), head.get_matchability(first))
+        assert lean(first[:, :0], second[:, :0])[0].shape == (1, 1, 1)  # all points pruned
+    torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-5)
+    for a, b in zip(filter_matches(ours, 0.0), filter_matches(theirs, 0.0), strict=True):
+        torch.testing.assert_close(a, b)
+
+
 @pytest.mark.parametrize("model", ["aliked-n16", "aliked-n16rot", "aliked-n32"])
 def test_aliked_gives_the_numbers_of_kornia(model: str) -> None:
     torch.manual_seed(0)
@@ -130,7 +149,19 @@ def test_aliked_gives_the_numbers_of_kornia(model: str) -> None:
     with torch.inference_mode():
         maps = zip(ours.extract_dense_map(image), published.extract_dense_map(image), strict=True)
         found, expected = ours(image), published(image)
-    assert all(torch.equal(a, b) for a, b in maps)
+    for a, b in maps:
+        torch.testing.assert_close(a, b, atol=5e-7, rtol=0)
     for a, b in zip(found, expected, strict=True):
-        assert torch.equal(a.keypoints, b.keypoints)
-        assert torch.equal(a.descriptors, b.descriptors)
+        torch.testing.assert_close(a.keypoints, b.keypoints, atol=1e-4, rtol=0)
+        torch.testing.assert_close(a.descriptors, b.descriptors, atol=5e-7, rtol=0)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 5), (21, 29)])
+def test_deformable_convolution_is_that_of_kornia(height: int, width: int) -> None:
+    torch.manual_seed(0)
+    published = DeformableConv2d(6, 10)
+    published.offset_conv.weight.data *= 30  # offsets of many px, also out of the image
+    ours = DeformableConvolution.like(published)
+    images = torch.randn(3, 6, height, width)
+    with torch.inference_mode():
+        torch.testing.assert_close(ours(images), published(images), atol=1e-5, rtol=1e-5)

@@ -18,7 +18,7 @@ from zpm2.weights import Progress
 # (b, 3, h, w) RGB 0..1 -> of each image (n, 2) px with pixel centres at 0, (n, d) unit descriptors, (n,) scores
 Extract = Callable[[torch.Tensor], list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]]
 BATCH = 16  # crops that a network sees at a time, to bound the memory
-BATCH_BYTES = 1e9  # and what they take, where that is known of the network (`ModelInfo.bytes_per_pixel`)
+BATCH_BYTES = 5e8  # and what they take, where that is known of the network (`ModelInfo.bytes_per_pixel`)
 
 
 def with_lightglue(

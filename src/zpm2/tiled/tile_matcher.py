@@ -4,10 +4,7 @@ The points of the level above predict the right window of each left tile. `PairM
 pair of photographs (points, guided detection).
 """
 
-import contextlib
-import ctypes
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -146,7 +143,7 @@ class TileMatcher:
             for stage, seconds in tile.seconds.items():
                 self.timer.seconds[stage] = self.timer.seconds.get(stage, 0.0) + seconds
             self.cache.save(part.name, tile)
-            give_back_memory()
+            memory.give_back()
         return tile
 
     def _matched(self, part: TilePart) -> Tile:
@@ -212,13 +209,6 @@ class _NoRegions:
     def segment(self, image: Image) -> list[Mask]:
         """None."""
         return []
-
-
-def give_back_memory() -> None:
-    """Return freed memory to the system. The GNU C library would keep it, in fragments; others need no call."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):  # another C library
-            ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 def weights_only(progress: Progress) -> Progress:

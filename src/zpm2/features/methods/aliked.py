@@ -18,7 +18,7 @@ INFO = ModelInfo(
     code_licence="Apache-2.0",
     training_data="MegaDepth, and homographies",
     input_size="1024 px, longer side",
-    bytes_per_pixel=2000.0,
+    bytes_per_pixel=1000.0,
 )
 MODELS = {"aliked": "n16", "aliked-n16rot": "n16rot", "aliked-n32": "n32"}  # as published, by our names
 

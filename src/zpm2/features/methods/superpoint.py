@@ -21,7 +21,7 @@ INFO = ModelInfo(
     training_data="synthetic shapes and COCO; LightGlue: MegaDepth",
     weights=("superpoint", "superpoint_lightglue"),
     input_size="1024 px, longer side",
-    bytes_per_pixel=2000.0,  # not measured: that of ALIKED
+    bytes_per_pixel=1000.0,
 )
 OUTDOOR = replace(
     INFO,
