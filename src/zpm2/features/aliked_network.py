@@ -1,4 +1,4 @@
-"""ALIKED (Zhao et al., IEEE TIM 2023): kornia's network, with a third of its memory and in two thirds of its time."""
+"""ALIKED (Zhao et al., IEEE TIM 2023): kornia's network, in less memory and time."""
 
 import torch
 from kornia.feature import ALIKED

@@ -26,6 +26,7 @@ INFO = ModelInfo(
 OUTDOOR = replace(
     INFO,
     task="points with a detector, SuperGlue",
+    bytes_per_pixel=2000.0,  # not measured: with room for SuperGlue's matrices of all points with all points
     training_data="synthetic shapes and COCO; SuperGlue: MegaDepth",
     weights=("superpoint", "superglue_outdoor"),
     input_size="1600 px, longer side",
