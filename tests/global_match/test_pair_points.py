@@ -91,6 +91,13 @@ def test_searches_follow_in_order_until_one_is_safe(monkeypatch: pytest.MonkeyPa
     assert list(timer.seconds) == ["points", "escalate"]
 
 
+def test_freed_memory_goes_back_before_a_larger_network_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    points, seen = finder(monkeypatch, {})
+    monkeypatch.setattr("zpm2.memory.give_back", lambda: seen.append("given back"))
+    look(points)
+    assert seen == ["xfeat@640", "xfeat@300", "given back", "aliked@300"]
+
+
 @pytest.mark.parametrize("looks", [1, 2, 3])
 def test_the_budget_is_a_number_of_searches(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
     points, seen = finder(monkeypatch, {}, max_looks=looks)

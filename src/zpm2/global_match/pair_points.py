@@ -103,9 +103,7 @@ class PointFinder:
                 return None
             return found
 
-        memory.give_back()  # the networks of each look need several hundred MB, in other pieces than the last
         found = hints(images, opened, config.coarse)
-        memory.give_back()
         notes += [f"looked again: {hint}" for hint in found]
         candidates = _candidates(found, config) or [AS_THEY_ARE]
         most = config.max_looks if found else min(config.max_looks, config.max_looks_without_hint)
@@ -121,9 +119,10 @@ class PointFinder:
                 sizes = view_sizes(images, hint, side)
                 if (method, hint, sizes) not in made and len(made) < most:
                     made.add((method, hint, sizes))
+                    if method != OWN:  # a larger network, which cannot use the pieces that others freed
+                        memory.give_back()
                     looks.append((hint, self._geometry(_look(images, matcher, hint, sizes, config))))
                     notes.append(f"looked again: {search}, turned by {hint.turn:.0f}: {_told(looks[-1][1])}")
-                    memory.give_back()
             hint, here = min(looks[1:], key=lambda look: look[1].chance, default=looks[0])
             if here.supported:
                 candidates = [hint]
