@@ -1,7 +1,6 @@
 """The budget of memory: sizes in words, what is free, what is refused."""
 
 import math
-import os
 import platform
 from pathlib import Path
 
@@ -29,15 +28,12 @@ def test_what_is_no_size_is_refused(text: str) -> None:
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library frees its memory itself")
 def test_freed_memory_is_given_back() -> None:
-    def held() -> int:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
     pieces = [b"." * 100_000 for _ in range(2000)]  # 200 MB: each below the size that is mapped by itself
     kept = pieces[::20]  # between what is freed
-    full = held()
+    full = memory._own()
     del pieces
     memory.give_back()
-    assert full - held() > 150e6
+    assert full - memory._own() > 150e6
     assert len(kept) == 100
 
 

@@ -5,13 +5,13 @@ The user sets the budget; by default it is a share of the free memory. Code that
 the budget for the code that runs inside it. Code that has used much calls `give_back`.
 """
 
-import contextlib
 import ctypes
 import math
 import os
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def size(text: str) -> float:
     return bytes_
 
 
-@contextlib.contextmanager
+@contextmanager
 def within(text: str) -> Iterator[None]:
     """Sets the budget (`size`) inside."""
     token = _limit.set(text)
@@ -52,7 +52,7 @@ def within(text: str) -> Iterator[None]:
         _limit.reset(token)
 
 
-@contextlib.contextmanager
+@contextmanager
 def reserved(bytes_: float) -> Iterator[None]:
     """Lowers the budget, for the code inside, by the bytes that the caller itself holds."""
     token = _reserved.set(_reserved.get() + bytes_)
@@ -97,7 +97,7 @@ def give_back() -> None:
     """Return freed memory to the system. The GNU C library would keep it, in pieces that what comes next may not fit
     into; others need no call."""
     if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):  # another C library
+        with suppress(OSError, AttributeError):  # another C library
             ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
