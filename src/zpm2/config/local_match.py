@@ -6,7 +6,7 @@ from typing import Literal
 from zpm2.config.fields import number, option, share
 
 FITTED = "fitted to real pairs with dense ground truth, docs/confidence.md"
-BLOBS = "measured, docs/performance.md"
+BLOBS = "measured, docs/optimisation.md"
 
 
 @dataclass(frozen=True)

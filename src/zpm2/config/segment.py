@@ -177,14 +177,14 @@ class SegmentConfig:
         "image tokens, at least, that stand for the part of SAM's square that a photograph leaves empty; 0: all of "
         "them",
         high=4096,
-        source="measured, docs/performance.md",
+        source="measured, docs/optimisation.md",
     )
     vicinity: int = number(
         0,
         "blocks of 4 x 4 image tokens along the sides of the window that a prompt for something small sees, of the 16 "
         "along SAM's square; 0: it sees all tokens",
         high=16,
-        source="measured, docs/performance.md",
+        source="measured, docs/optimisation.md",
     )
     grid: int = number(
         32,
