@@ -16,6 +16,7 @@ from zpm2.features.vismatch import PYTHON
 from zpm2.model import Image
 
 STAND_IN = """
+import os
 import sys
 import numpy as np
 
@@ -30,6 +31,8 @@ class Matcher:
         if self.name == "nothing":
             return {"matched_kpts0": np.zeros((0, 2)), "matched_kpts1": np.zeros((0, 2)), "matched_confidences": None}
         score = None if self.name == "unsure" else np.array([0.25, 0.75, 1.0])
+        if self.name == "threads":
+            score = np.full(3, int(os.environ.get("OMP_NUM_THREADS", 10)) / 10)
         shape = np.array([right.shape[2] / 2, right.shape[1] / 2])
         return {"matched_kpts0": at, "matched_kpts1": np.tile(shape, (3, 1)), "matched_confidences": score}
 
@@ -109,6 +112,14 @@ def test_what_the_other_process_says_is_told_in_one_line() -> None:
         dying.match(image(64, 64), image(64, 64))
     with pytest.raises(PointMatcherError, match="out of memory"):
         dying.match(image(64, 64), image(64, 64))
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_process_keeps_to_the_threads_that_we_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    for threads, score in ((3, 0.3), (None, 1.0)):
+        monkeypatch.setattr("zpm2.features.vismatch.told", lambda threads=threads: threads)
+        assert matcher("threads").match(image(64, 64), image(64, 64)).score.tolist() == [score] * 2
 
 
 @pytest.mark.usefixtures("quick")

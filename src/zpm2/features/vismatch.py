@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import PointsConfig
+from zpm2.cores import told
 from zpm2.errors import MissingDependency, PointMatcherError
 from zpm2.features.frame import Frame, frame
 from zpm2.formats.convert import Members
@@ -54,6 +55,8 @@ class VismatchMatcher:
         command = [python, "-P", str(WORKER), self.matcher, self.device, str(self.config.max_keypoints), *MKL_FUNCTIONS]
         environment = os.environ | ({"HF_HUB_OFFLINE": "1"} if offline() else {})
         environment.pop("PYTHONPATH", None)
+        if (threads := told()) is not None:
+            environment["OMP_NUM_THREADS"] = str(threads)  # its torch does not know quotas of processor time
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process
         pipe = subprocess.PIPE
         try:

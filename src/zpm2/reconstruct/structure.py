@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zpm2.config import Config
+from zpm2.cores import usable
 from zpm2.errors import InputError
 from zpm2.files.record import make_folder, move_into_place, temporary_folder
 from zpm2.formats.colmap import colmap_can, require_pycolmap, seeded, to_pycolmap
@@ -58,14 +59,18 @@ def _reconstruct(
     mode = pycolmap.CameraMode.AUTO if known is None else pycolmap.CameraMode.PER_IMAGE
     pycolmap.Database.open(str(database)).close()
     pycolmap.import_images(database, images, mode, names)  # first: extraction numbers them as its threads finish
-    pycolmap.extract_features(database, images, names, camera_mode=mode, device=pycolmap.Device.auto)
+    extraction, matching = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
+    extraction.num_threads = matching.num_threads = usable()  # COLMAP would take all cores that it sees
+    pycolmap.extract_features(
+        database, images, names, camera_mode=mode, extraction_options=extraction, device=pycolmap.Device.auto
+    )
     if known is not None:
         _give_cameras(pycolmap, database, known)
     verification, mapping = _seeded(pycolmap, config.seed)
     if config.reconstruct.ordered:
-        pycolmap.match_sequential(database, verification_options=verification)
+        pycolmap.match_sequential(database, matching, verification_options=verification)
     else:
-        pycolmap.match_exhaustive(database, verification_options=verification)
+        pycolmap.match_exhaustive(database, matching, verification_options=verification)
     if known is not None:
         posed = _posed(pycolmap, database, known)
         return pycolmap.triangulate_points(posed, database, images, models, options=mapping)

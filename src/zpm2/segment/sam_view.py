@@ -104,10 +104,7 @@ class SamView(MaskView):
 
         def predict(rows: slice, following: slice) -> MaskPredictions:
             next_ones = _Asked(prompts[following]) if rows.stop < len(prompts) else later
-            answer = self._ask(_Asked(prompts[rows]), next_ones, thresholds, self.size)
-            if answer is None:
-                return MaskPredictions.none(self.size)
-            found, iou, logits = answer
+            found, iou, logits = self._ask(_Asked(prompts[rows]), next_ones, thresholds, self.size)
             return self._settled(rows.start + found, iou, logits, thresholds)
 
         return predicted(prompts, self.room, predict, self.size)
@@ -126,11 +123,8 @@ class SamView(MaskView):
         vicinity, origins = self.vicinity, asked.origins
         assert vicinity is not None
         assert origins is not None
-        size, nothing = (TOKEN_PX * vicinity.size[0], TOKEN_PX * vicinity.size[1]), MaskPredictions.none(self.size)
-        answer = self._ask(asked, soon, thresholds, size)
-        if answer is None:
-            return nothing, np.zeros(0, bool)
-        rows, iou, logits = answer
+        size = TOKEN_PX * vicinity.size[0], TOKEN_PX * vicinity.size[1]
+        rows, iou, logits = self._ask(asked, soon, thresholds, size)
         logits = stacks.cropped(logits, *(np.array(self.size) - TOKEN_PX * origins[rows]).T)
         found = self._settled(rows, iou, logits, thresholds)
         corner = TOKEN_PX * origins[found.prompt]
@@ -167,14 +161,13 @@ class SamView(MaskView):
 
     def _ask(
         self, asked: "_Asked", soon: "_Asked | None", thresholds: MaskThresholds, size: tuple[int, int]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float32], Stack] | None:
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32], Stack]:
         """The rows (m,) of prompts that have good masks, the predicted IoU (m, M) of all their masks, and the logits
-        (m, M, height, width); None where no prompt has one."""
+        (m, M, height, width)."""
         first = 1 if asked.prompts.points.shape[1] <= AMBIGUOUS_TOKENS else 0
         embedded, later = self._embedded(asked), None if not soon else partial(self._embedded, soon)
         with NETWORK_LOCK:
-            rows, iou, logits = self.backend.masks(self.parts, embedded, thresholds.predicted_iou, first, size, later)
-        return (rows, iou, logits) if len(rows) else None
+            return self.backend.masks(self.parts, embedded, thresholds.predicted_iou, first, size, later)
 
     def _embedded(self, asked: "_Asked") -> EmbeddedPrompts:
         near = None
