@@ -194,7 +194,8 @@ def test_project_and_back(seed):
     left, right, h = plane(seed, 20)
     assert np.allclose(geometry.project(h, left), right)
     assert np.allclose(geometry.project(np.linalg.inv(h), right), left)
-    assert np.allclose(geometry.project(-3 * h, left), right)
+    assert np.allclose(geometry.project(3 * h, left), right)
+    assert np.isnan(geometry.project(-h, left)).all()
 
 
 def test_nothing_is_seen_on_or_behind_the_horizon():
@@ -202,6 +203,22 @@ def test_nothing_is_seen_on_or_behind_the_horizon():
     points = np.array([[25.0, 10], [50, 10], [60, 10]])
     assert geometry.project(h, points)[0] == pytest.approx([50, 20])
     assert np.isnan(geometry.project(h, points)[1:]).all()
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_points_lie_before_their_own_homography_where_the_corner_does_not(seed):
+    """A camera moves forward over the ground: what lies at the bottom, y > 400, is behind it then. Where photographs
+    are stored upside down, their corner (0, 0) is there."""
+    left = np.random.default_rng(seed).uniform((0, 0), (640, 300), (60, 2))
+    right = np.c_[left, np.ones(60)] @ np.array([[1, 0.02, 5], [0.01, 1, 3], [0, -0.0025, 1.0]]).T
+    right = right[:, :2] / right[:, 2:]
+    for a, b in ((left, right), ([640, 480] - left, [640, 480] - right)):
+        matrix, inliers = geometry.homography(a, b, 1.0)
+        assert inliers.all()
+        assert abs(matrix[2, 2]) == 1
+        assert np.allclose(geometry.project(matrix, a), b, atol=1e-3)
+        assert np.allclose(geometry.project(np.linalg.inv(matrix), b), a, atol=1e-3)
 
 
 @given(seeds)

@@ -25,11 +25,14 @@ def homogeneous(points: Array) -> Array:
 
 
 def project(homography: Array, points: Array) -> Array:
-    """(n, 2) points mapped by a 3 x 3 homography; NaN for points on or behind its horizon."""
+    """(n, 2) points mapped by a 3 x 3 homography; NaN for points on or behind its horizon.
+
+    Its sign says which side is which: points in front have a positive third coordinate.
+    """
     p = homogeneous(points) @ (homography / np.abs(homography).max()).T
     w = p[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(w * np.sign(homography[2, 2] or 1.0) > 1e-12, p[:, :2] / w, np.nan)
+        return np.where(w > 1e-12, p[:, :2] / w, np.nan)
 
 
 def turn_image(width: int, height: int, angle: float) -> tuple[Array, tuple[int, int]]:
@@ -135,7 +138,11 @@ def epipolar_inliers(fundamental: Array, left: Array, right: Array, threshold: f
 def homography(
     left: Array, right: Array, threshold: float, seed: int = 0, config: MagsacConfig = DEFAULTS
 ) -> tuple[Array, NDArray[np.bool_]] | Failed:
-    """H (3 x 3, H[2, 2] = 1) by MAGSAC++ and its (n,) inliers, or why there is none. `threshold` in px."""
+    """H (3 x 3) by MAGSAC++ and its (n,) inliers, or why there is none. `threshold` in px.
+
+    H[2, 2] is 1, or -1 where the left image's corner (0, 0) lies behind the horizon of H: as `project` wants it, its
+    inliers lie in front.
+    """
     if len(left) < config.min_homography:
         return Failed(f"a homography needs {config.min_homography} homologous points, there are {len(left)}")
     matrix, mask = _usac(cv2.findHomography, left, right, threshold, seed, config)
@@ -150,7 +157,8 @@ def homography(
     inliers = mask.ravel().astype(bool)
     if inliers.sum() < config.min_homography:
         return Failed(f"only {int(inliers.sum())} of {len(left)} homologous points agree on a homography")
-    return matrix / matrix[2, 2], inliers
+    depth = np.median(homogeneous(left[inliers]) @ matrix[2])
+    return matrix * np.sign(depth) / abs(matrix[2, 2]), inliers
 
 
 def essential_matrix(

@@ -1,5 +1,6 @@
 """Which views are matched."""
 
+import cv2
 import numpy as np
 import pytest
 from clouds import CAMERA, looking_down
@@ -9,7 +10,7 @@ from zpm2.cloud import SurfaceMesh, neighbor_pairs
 from zpm2.cloud.rays import EveryTriangle
 from zpm2.config import CloudConfig
 from zpm2.errors import InputError
-from zpm2.model import PosedCamera
+from zpm2.model import Camera, PosedCamera
 
 
 def test_views_in_a_row_are_matched_with_those_beside_them() -> None:
@@ -29,6 +30,14 @@ def test_the_back_of_a_thing_is_no_neighbor_of_its_front() -> None:
     back = [PosedCamera(CAMERA, c.rotation @ turn, c.translation) for c in front]
     pairs = neighbor_pairs([*front, *back], ball, EveryTriangle(ball), CloudConfig(neighbors=3))
     assert set(pairs) == {(0, 1), (2, 3)}
+
+
+def test_views_past_the_fold_of_a_distortion_are_no_neighbors() -> None:
+    """From inside a ball, 75 degrees apart: r d(r) folds some of what one view sees into the other one's image."""
+    ball, bent = sphere(3), Camera(CAMERA.matrix, CAMERA.size, np.array([-0.2]))
+    turns = [cv2.Rodrigues(np.radians([0, angle, 0]))[0] for angle in (0.0, 75.0)]
+    cameras = [PosedCamera(bent, turn, np.array([0.03 * k, 0, 0])) for k, turn in enumerate(turns)]
+    assert neighbor_pairs(cameras, ball, EveryTriangle(ball), CloudConfig()) == []
 
 
 def test_no_view_sees_the_mesh() -> None:

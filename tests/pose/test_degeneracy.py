@@ -51,6 +51,26 @@ def test_a_plane_has_its_flag_and_the_truth_is_among_the_poses(seed: int) -> Non
     assert min(max(angle(r, of.rotation), angle(t, of.direction)) for r, t in poses) < 3.0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_noise_that_is_assumed_hides_neither_a_rotation_nor_a_plane(seed: int) -> None:
+    """A mapped point is off by the noise of both images along two axes, the Sampson distance by that of one."""
+    assert "pure_rotation" in examined(views(seed, noise=0.9, shift=(0, 0, 0)))[1].flags
+    assert "planar_scene" in examined(views(seed, noise=0.9, scene="plane"))[1].flags
+    assert examined(views(seed, noise=0.9))[1].flags == ()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_points_on_one_line_are_flagged_as_planar(noise: float) -> None:
+    of, rng = views(0), np.random.default_rng(0)
+    along = rng.uniform(-2, 2, 300)
+    left = np.c_[along, 0.3 * along, 5 + 0.5 * along]
+    right = left @ of.rotation.T + of.translation
+    rays = RayPairs(*(xyz[:, :2] / xyz[:, 2:] + noise * PX * rng.normal(size=(300, 2)) for xyz in (left, right)), PX)
+    true = PoseEstimate(of.rotation, of.direction, np.ones(300, bool))
+    seen = examine(true, rays, np.arange(300) % 12, 0.1, CONFIG, 0)
+    assert seen.flags == ("planar_scene",)
+
+
 def test_little_to_go_by() -> None:
     of = views(0, n=12)
     assert "few_inliers" in examined(of)[1].flags

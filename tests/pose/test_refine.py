@@ -50,6 +50,17 @@ def test_it_is_as_sure_as_it_says() -> None:
         assert 0.5 < np.mean((np.array(error) / np.array(sigma)) ** 2) < 2.0
 
 
+def test_what_no_point_determines_has_no_sigma() -> None:
+    """Points on one line: the pose turns about it freely. And a single group leaves nothing to compare it with."""
+    of = views(0, n=100)
+    along = np.linspace(-2, 2, 100)
+    line = np.c_[along, 0.3 * along, 5 + 0.5 * along]
+    rays = RayPairs(*(xyz[:, :2] / xyz[:, 2:] for xyz in (line, line @ of.rotation.T + of.translation)), PX)
+    motion = PoseEstimate(of.rotation, of.direction, np.ones(100, bool))
+    assert np.isinf(refine(motion, rays, np.arange(100) % 9, STEPS).translation_sigma)
+    assert np.isinf(refine(motion, RayPairs(*of.rays, PX), np.zeros(100, np.intp), STEPS).translation_sigma)
+
+
 def test_shared_errors_count_once() -> None:
     """Points that are repeated ten times make nothing more certain, if their groups say that they are the same."""
     of = views(3, n=100, noise=0.5)

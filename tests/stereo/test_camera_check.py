@@ -74,6 +74,15 @@ def test_what_is_odd_is_said(odd: Camera, why: str) -> None:
     assert re.search(why, said)
 
 
+def test_a_skew_is_refused_where_it_would_show() -> None:
+    skewed = camera(500, 320, 240)
+    skewed.matrix[0, 1] = 0.02  # moves the corners by just under 0.01 px, as rounding may
+    checked(skewed)
+    skewed.matrix[0, 1] = -40
+    with pytest.raises(InputError, match=r"K has a skew of -40, which moves points by up to 19 px: resample"):
+        checked(skewed)
+
+
 def test_usual_distortions_are_not_odd() -> None:
     for bent in ((-0.3,), (-0.3, 0.1), (-0.28, 0.07, 0.001, -0.001), (0.05, -0.1, 0, 0, 0.02)):
         assert doubts(checked(camera(600, 320, 240, bent=bent))) == []

@@ -1,5 +1,6 @@
 """Surfaces from rectified pairs, against exact ones."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +145,23 @@ def test_pairs_that_are_not_rectified_are_refused() -> None:
     bent = Camera(K, (400, 240), np.array([0.1, 0, 0, 0]))
     with pytest.raises(InputError, match="distortion"):
         rig_of(bent, bent, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("fx", "fy", "cy", "said"),
+    [
+        (300.7, 300, 120, None),
+        (300, 301.2, 120, None),
+        (300, 300, 120.4, None),
+        (301, 300, 120, r"rows differ by up to 0.0 px, its columns by 0.7 px"),
+        (300, 302, 120, r"rows differ by up to 0.8 px, its columns by 0.0 px"),
+        (300, 302, 119, r"rows differ by up to 1.8 px"),
+    ],
+)
+def test_rows_of_a_rectified_pair_may_differ_by_half_a_pixel(fx: float, fy: float, cy: float, said: str | None) -> None:
+    other = np.array([[fx, 0, 170], [0, fy, cy], [0, 0, 1]])
+    with pytest.raises(InputError, match=said) if said else nullcontext():
+        rig_of(Camera(K, (400, 240)), Camera(other, (400, 240)), 1.0)
 
 
 @pytest.mark.parametrize("baseline", [0.0, -0.2, float("nan"), float("inf")])

@@ -1,6 +1,7 @@
 """Rectified pairs: homologous points in one row, polygons and depths with them."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from zpm2.config import Config, PoseConfig, StereoConfig
 from zpm2.errors import Failed
 from zpm2.model import Camera, Image
 from zpm2.pose import PoseFinder, PoseResult, RectifiedPair, rectify
+from zpm2.stereo.rectify import rectify as stereo_rectify
 
 PLAIN = Config(pose=PoseConfig(crops="off"))
 BENT = np.array([-0.1, 0.02, 0.001, -0.001])
@@ -109,3 +111,16 @@ def test_the_size_of_a_rectified_pair_is_configured() -> None:
     pair = rectify(pose, images(), result.matched_polygons(), StereoConfig(rectified_size=0.5))
     assert isinstance(pair, RectifiedPair)
     assert max(pair.left.camera.size) == pytest.approx(0.5 * max(SIZE), abs=1)
+
+
+def test_sides_that_cannot_be_resampled() -> None:
+    k, points = np.array([[20000.0, 0, 16500], [0, 20000, 32], [0, 0, 1]]), np.array([[9000.0, 20], [20000, 40]])
+    for width, config, said in (
+        (33000, StereoConfig(), "photograph has a side of 33000 px, .*: reduce it"),
+        (32000, StereoConfig(), "rectified image would have a side of 3.* px, .*: make stereo.rectified_size smaller"),
+    ):
+        view, image = Camera(k, (width, 64)), Image(np.zeros((64, width, 3), np.uint8))
+        motion = rotation(0, 20, 0), np.array([-1.0, 0, 0])
+        found = stereo_rectify((view, view), motion, (points, points), (image, image), ([], []), config)
+        assert isinstance(found, Failed)
+        assert re.search(said, found.reason)

@@ -89,7 +89,8 @@ def lift(polygons: Sequence[Polygon], view: SurfaceView, config: CloudConfig) ->
 
 
 def outline_in(rings: Sequence[SurfaceRing], camera: PosedCamera, surface: SurfaceMesh) -> shapely.Geometry:
-    """A boundary on a surface projected into a camera, px, with its hidden parts; empty if any is behind the camera."""
+    """A boundary on a surface projected into a camera, px, with its hidden parts; empty if `PosedCamera.project` cannot
+    project all of it."""
     seen = [camera.project(ring.points + surface.origin) for ring in rings]
     if not all(np.isfinite(ring).all() for ring in seen):
         return shapely.Polygon()

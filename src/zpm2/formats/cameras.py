@@ -22,8 +22,10 @@ def intrinsics(matrix: Array) -> Array:
 
 
 def homography(matrix: Array) -> Array:
-    """3 x 3 H for pixel centres at +0.5, from an H for pixel centres at 0."""
-    return HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(HALF_PIXEL)
+    """3 x 3 H for pixel centres at +0.5, from an H for pixel centres at 0, of which the corner (0, 0) lies in front of
+    the horizon."""
+    moved = HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(HALF_PIXEL)
+    return np.asarray(moved * (np.sign(moved[2, 2]) or 1.0))
 
 
 def resized(matrix: Array, size: tuple[int, int], new_size: tuple[int, int]) -> Array:

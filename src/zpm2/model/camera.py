@@ -1,10 +1,12 @@
 """A calibrated camera."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from zpm2.model.brief import brief
@@ -19,7 +21,7 @@ _FINE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 class Camera:
     """A pinhole camera with the radial and tangential distortion of Brown and Conrady, as in OpenCV and COLMAP."""
 
-    matrix: Array  # (3, 3) K, px of the original image, pixel centres at +0.5
+    matrix: Array  # (3, 3) K without skew, px of the original image, pixel centres at +0.5
     size: tuple[int, int]  # (width, height) of the image, px
     distortion: Array = field(default_factory=lambda: np.zeros(0))  # k1 [k2 [p1 p2 [k3 [k4 k5 k6]]]]; empty: none
     source: Source = "given"  # where the focal length comes from
@@ -35,6 +37,15 @@ class Camera:
     def coefficients(self) -> Array:
         """The distortion as OpenCV wants it: 4, 5 or 8 numbers."""
         return np.r_[self.distortion, np.zeros(max(0, 4 - len(self.distortion)))]
+
+    @cached_property
+    def _fold(self) -> float:
+        """The radius of x / z, y / z at which the radial distortion r d(r) stops growing; infinite if it never does."""
+        k1, k2, _, _, k3, k4, k5, k6 = np.r_[self.coefficients, np.zeros(8 - len(self.coefficients))]
+        above, below, square = Polynomial([1, k1, k2, k3]), Polynomial([1, k4, k5, k6]), Polynomial([0, 1])  # of r^2
+        slope = above * below + 2 * square * (above.deriv() * below - above * below.deriv())
+        ends = np.r_[slope.roots(), below.roots()]
+        return float(np.sqrt(min(ends[np.isreal(ends) & (ends.real > 0)].real, default=np.inf)))
 
     def rays(self, points: Array) -> Array:
         """(n, 2) image px -> (n, 2) x / z, y / z in the camera's frame, without distortion."""
@@ -94,9 +105,15 @@ class PosedCamera:
         return np.asarray(np.c_[self.camera.rays(points), np.ones(len(points))] @ self.rotation)
 
     def project(self, space: Array) -> Array:
-        """(n, 3) world -> (n, 2) image px; NaN for points behind the camera."""
+        """(n, 3) world -> (n, 2) image px.
+
+        NaN for points behind the camera, and for those so far off its axis that the radial distortion would fold them
+        back towards the image.
+        """
         p = space @ self.rotation.T + self.translation
         before = p[:, 2] > 0
+        if self.camera.distortion.any():
+            before &= np.linalg.norm(p[:, :2], axis=1) / self.camera._fold < p[:, 2]
         pixels = np.full((len(p), 2), np.nan)
         pixels[before] = self.camera.pixels(p[before, :2] / p[before, 2:])
         return pixels

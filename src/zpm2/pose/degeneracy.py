@@ -1,6 +1,7 @@
 """Detects points that do not determine a pose: the camera only rotated, one plane, too few points that agree."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +15,8 @@ from zpm2.pose.estimators import PoseEstimate
 from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
+# 95 % of normal noise: of the distance of a mapped point (two axes, the noise of both images) by the Sampson distance
+TO_MAPPED = math.sqrt(2 * 5.991 / 3.841)
 NO_TRANSLATION = 1e-9  # share of the plane's distance; a shorter translation has no direction
 
 
@@ -44,11 +47,11 @@ def examine(
     places: (n,) the region of each point, negative for one outside of matched regions. sigma: degrees, of the direction
     of t.
     """
-    limits = config.degeneracy
+    limits, noise = config.degeneracy, TO_MAPPED * config.inlier * rays.noise
     near = rays.near(estimate.essential, config.inlier)
     rotation = rotation_between(rays.left[near], rays.right[near], rays.noise, limits.rotation_rounds)
     away = np.linalg.norm(geometry.turn_rays(rotation, rays.left) - rays.right, axis=1)
-    rotated = away <= config.inlier * rays.noise
+    rotated = away <= noise
     # all points, not only the inliers: if the camera only rotated, no point can be shown to lie before both views
     only_turned = rotated[near].mean() >= limits.explained if near.any() else False
     agree = rotated if only_turned else estimate.inliers
@@ -61,8 +64,10 @@ def examine(
         return Degeneracy((*flags, "pure_rotation"), rotation, agree)
     inliers = rays[agree]
     alternatives: tuple[tuple[Array, Array], ...] = ()
-    plane = geometry.homography(inliers.left, inliers.right, config.inlier * rays.noise, seed, config.magsac)
-    if not isinstance(plane, Failed) and plane[1].mean() >= limits.explained:
+    plane = geometry.homography(inliers.left, inliers.right, noise, seed, config.magsac)
+    if min(beside_a_line(side, noise) for side in (inliers.left, inliers.right)) <= 1 - limits.explained:
+        flags.append("planar_scene")  # any plane through the line
+    elif not isinstance(plane, Failed) and plane[1].mean() >= limits.explained:
         flags.append("planar_scene")
         alternatives = _other_poses(plane[0], estimate, inliers, config)
     if sigma > limits.max_direction_sigma:
@@ -81,6 +86,14 @@ def rotation_between(left: Array, right: Array, threshold: float, rounds: int) -
         error = np.linalg.norm(a @ rotation.T - b, axis=1) / threshold
         weight = 1 / (1 + error**2)
     return np.asarray(rotation)
+
+
+def beside_a_line(points: Array, distance: float) -> float:
+    """0..1, the share of points (n, 2) that lie farther from their common line (least squares) than `distance`."""
+    if not len(points):
+        return 0.0
+    away = points - points.mean(0)
+    return float((np.abs(away @ np.linalg.eigh(away.T @ away)[1][:, 0]) > distance).mean())
 
 
 def _other_poses(

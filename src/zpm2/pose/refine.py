@@ -14,6 +14,7 @@ from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
 STEP_DONE = 1e-9  # rad: a smaller step ends the refinement
+UNDETERMINED = 1e-10  # share of the best determined direction's weight, at which points say nothing about a direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,7 @@ class RefinedPose:
     """A pose with its covariance: three angles of rotation about the right camera's axes, two of the direction of t."""
 
     estimate: PoseEstimate
-    covariance: Array  # (5, 5) rad^2
+    covariance: Array  # (5, 5) rad^2; infinite where the points leave a direction undetermined
 
     @property
     def rotation_sigma(self) -> float:
@@ -87,7 +88,11 @@ def _covariance(error: Array, jacobian: Array, group: NDArray[np.intp]) -> Array
     pull, normal = np.zeros((count, 5)), np.zeros((count, 5, 5))
     np.add.at(pull, member, slope[:, None] * jacobian)
     np.add.at(normal, member, bend[:, None, None] * jacobian[:, :, None] * jacobian[:, None])
-    without = np.linalg.pinv(normal.sum(0) - normal, rcond=1e-12, hermitian=True)
+    left = normal.sum(0) - normal
+    weight = np.abs(np.linalg.eigvalsh(left))
+    if count == 1 or (weight.min(1) <= UNDETERMINED * weight.max(1)).any():
+        return np.full((5, 5), np.inf)
+    without = np.linalg.inv(left)
     moves = np.einsum("gij,gj->gi", without, pull)
     return np.asarray((count - 1) / count * moves.T @ moves)
 

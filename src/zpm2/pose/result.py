@@ -43,8 +43,9 @@ class RelativePose:
 
     rotation: Array  # (3, 3)
     translation: Array | None  # (3,) of unit length; None where the camera only turned
-    rotation_sigma: float | None  # degrees, one standard deviation; None where `doubtful`
-    translation_sigma: float | None  # degrees, of the direction; None where `doubtful` or where there is none
+    # degrees, one standard deviation; None where `doubtful`, and where the points leave it undetermined
+    rotation_sigma: float | None
+    translation_sigma: float | None  # degrees, of the direction; the same, and None where there is none
     # (5, 5) rad^2: rotation about the right camera's x, y, z; two angles of the direction of t
     covariance: Array | None
     flags: tuple[str, ...] = ()  # what speaks against it, see `FLAG_MEANINGS`
@@ -84,7 +85,7 @@ class RelativePose:
             alternatives=degeneracy.alternatives,
             starts=refined.estimate.starts,
         )
-        if not pose.doubtful:
+        if not pose.doubtful and np.isfinite(refined.covariance).all():
             return pose
         return dataclasses.replace(pose, rotation_sigma=None, translation_sigma=None, covariance=None)
 

@@ -18,6 +18,7 @@ OFF_CENTRE, ON_CENTRE = 0.15, 0.08
 MIN_OFFSET = 0.04  # the same, below which no other size is considered
 SQUARE_PIXELS = 0.5, 2.0  # ratios of focal lengths outside of which pixels are unusually far from square
 MAX_ROUND_TRIP = 1.0  # px by which a point at the border may move when its distortion is undone and applied again
+MAX_SKEW = 0.01  # px by which the skew of K, which camera files may have by rounding, may move a point of the image
 ORIENTATION = 0x0112  # the EXIF tag
 
 
@@ -56,6 +57,12 @@ def checked(camera: Camera, name: str = "K", image: str | None = None) -> Camera
     for focal in (k[0, 0], k[1, 1]):
         if not POSSIBLE_FOCAL[0] * longer < focal < POSSIBLE_FOCAL[1] * longer:
             raise InputError(f"{name} has a focal length of {focal:g} px for {width} x {height} px: it must be in px")
+    skewed = abs(k[0, 1]) / k[1, 1] * max(k[1, 2], height - k[1, 2])
+    if skewed > MAX_SKEW:
+        raise InputError(
+            f"{name} has a skew of {k[0, 1]:g}, which moves points by up to {skewed:.2g} px: resample the photograph "
+            "to pixels without skew, and give K with 0 there"
+        )
     return camera
 
 

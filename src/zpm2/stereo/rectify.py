@@ -22,6 +22,7 @@ from zpm2.stereo.dense import robust_range
 from zpm2.stereo.rig import Rig
 
 Array = NDArray[np.float64]
+MAX_SIDE = 32766  # px of an image that cv2.remap reads or makes
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,13 +112,22 @@ def rectify(
     motion: (3, 3) R and (3,) t of the right camera, seen from the left one. points: (n, 2) image px of either side.
     images: the originals. polygons: the matched ones of either side. Their vertices are moved one by one: straight
     edges stay straight; under distortion the true edges are curves between the moved vertices. `Failed` where a camera
-    moved along its own line of sight: no rectified pair shows both views.
+    moved along its own line of sight: no rectified pair shows both views; or where an image has too long a side to be
+    resampled.
     """
     found = _bouguet(*motion, config)
     if found is None:
         return Failed("a camera moved along its own line of sight: no rectified pair shows both views")
     rotations, axis = found
     rectified = _pair_cameras(cameras, points, rotations, axis, config)
+    before, after = (max(side for camera in of for side in camera.size) for of in (cameras, rectified))
+    if before > MAX_SIDE:
+        return Failed(f"a photograph has a side of {before} px, more than {MAX_SIDE} px: reduce it, and K with it")
+    if after > MAX_SIDE:
+        return Failed(
+            f"a rectified image would have a side of {after} px, more than {MAX_SIDE} px: make stereo.rectified_size "
+            "smaller"
+        )
     left, right = (
         RectifiedImage(
             _resampled(image, original, rotation, camera), _moved(shapes, original, rotation, camera), camera, rotation

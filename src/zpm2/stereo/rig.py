@@ -9,7 +9,7 @@ from zpm2.errors import InputError
 from zpm2.model import Camera, PosedCamera
 
 Array = NDArray[np.float64]
-RECTIFIED_TOLERANCE = 0.01  # of the focal length, by which focal lengths and cy of both cameras may differ
+MAX_SHIFT = 0.5  # px by which the rows of a rectified pair may differ, and its columns beside disparity
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,14 @@ def rig_of(left: Camera, right: Camera, baseline: float) -> Rig:
     if not 0 < baseline < float("inf"):
         raise InputError(f"the baseline of a rectified pair is a length above 0, got {baseline:g}: correct it")
     a, b = left.matrix, right.matrix
-    if np.abs(a[[0, 1, 1], [0, 1, 2]] - b[[0, 1, 1], [0, 1, 2]]).max() > RECTIFIED_TOLERANCE * a[0, 0]:
-        raise InputError("a rectified pair has one focal length and one cy: rectify it first (zpm2 pose --rectify)")
+    corners = np.array([[0, 0], left.size]) - a[:2, 2]
+    shifts = corners * (np.diag(b)[:2] / np.diag(a)[:2] - 1) + [0, b[1, 2] - a[1, 2]]
+    columns, rows = np.abs(shifts).max(0)
+    if max(columns, rows) > MAX_SHIFT:
+        raise InputError(
+            f"a rectified pair has one focal length and one cy: with these cameras its rows differ by up to {rows:.1f} "
+            f"px, its columns by {columns:.1f} px beside disparity; rectify it first (zpm2 pose --rectify)"
+        )
     if left.distortion.any() or right.distortion.any():
         raise InputError("a rectified pair has no distortion left: rectify it first (zpm2 pose --rectify)")
     return Rig(left, right, baseline)

@@ -174,7 +174,7 @@ def _reduced(initial: InitialGeometry, to_view: Sequence[Array]) -> InitialGeome
         fundamental = fundamental / np.linalg.norm(fundamental)
     if not isinstance(homography, Failed):
         homography = to_view[1] @ homography @ back
-        homography = homography / homography[2, 2]
+        homography = homography / abs(homography[2, 2])
     return replace(initial, points=moved, fundamental=fundamental, homography=homography)
 
 

@@ -69,7 +69,7 @@ def rectifying(fundamental: Array | Failed, points: PointMatches) -> Array | Fai
         weights = 1 / np.sqrt(np.maximum(away, 1 / unit)) / np.maximum(np.abs(depth), 1e-12)
     if min((depth > 0).mean(), (depth < 0).mean()) > BEHIND:
         return Failed("no plane along the epipolar lines lies before both cameras")
-    return np.asarray(to_px @ found @ to_unit)
+    return np.asarray(to_px @ (found * np.sign(np.median(depth))) @ to_unit)
 
 
 def within(homography: Array | Failed, points: PointMatches) -> float | None:
