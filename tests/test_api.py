@@ -72,11 +72,19 @@ def test_a_classical_baseline_by_its_name(pair: Pair) -> None:
         ({"segmenter": "vit_x"}, "segmenters are: .*mobile_sam, .*, precomputed"),
         ({"bands": (1, 2)}, "one or three band numbers"),
         ({"bands": 1.5}, "must be of type int"),
+        ({"segmenter": object()}, r"segmenter is a name, got object: give an object to zpm2.Matcher"),
+        ({"method": None}, "unknown method 'None'; methods are"),
+        ({"preset": None}, "config is a zpm2.Config or the name of a preset, got NoneType"),
     ],
 )
 def test_misuse_is_named(pair: Pair, options: dict[str, Any], word: str) -> None:
     with pytest.raises(ConfigError, match=word):
         zpm2.match(pair.left, pair.right, **options)
+
+
+def test_a_matcher_keeps_no_negative_number_of_photographs() -> None:
+    with pytest.raises(ConfigError, match="photographs to keep must be at least 0, got -1"):
+        zpm2.Matcher("paper", photographs=-1)
 
 
 def test_unknown_options_are_refused() -> None:

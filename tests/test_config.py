@@ -1,13 +1,31 @@
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zpm2.config import PRESETS, Config, RasterConfig, SegmentConfig, assign, describe, load, preset, recorded
+from zpm2.config import (
+    PRESETS,
+    Config,
+    DetailConfig,
+    GuidedConfig,
+    PointsConfig,
+    RasterConfig,
+    SegmentConfig,
+    TilesConfig,
+    as_config,
+    assign,
+    describe,
+    load,
+    preset,
+    recorded,
+    with_options,
+)
 from zpm2.config.fields import rule_of
 from zpm2.config.whole import _fields
 from zpm2.errors import ConfigError
@@ -53,6 +71,7 @@ def test_values_lie_over_the_base_and_leave_the_rest():
     ("setting", "value"),
     [
         ("segment.grid=16", 16),
+        ("raster.bands=-", ()),
         (" segment.grid = 16 ", 16),
         ("segment.nms_iou=0.25", 0.25),
         ("segment.min_area=1e3", 1000.0),
@@ -143,6 +162,60 @@ def test_what_set_refuses(setting, message):
 def test_values_of_wrong_type(values):
     with pytest.raises(ConfigError):
         Config.from_dict(values)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"guided": GuidedConfig(direction="bothways")},
+            "guided.direction must be one of off, forward, both, got 'both",
+        ),
+        ({"segment": SegmentConfig(quality="ful")}, "segment.quality must be one of fast, balanced, full, got 'ful'"),
+        ({"segment": SegmentConfig(detail=DetailConfig(level="hihg"))}, "segment.detail.level must be one of"),
+        ({"tiles": TilesConfig(mode="yes")}, "tiles.mode must be one of off, on, auto, got 'yes'"),
+        ({"segment": SegmentConfig(grid=8.5)}, "segment.grid must be of type int, got '8.5'"),
+        ({"segment": SegmentConfig(min_area="100")}, "segment.min_area must be of type float, got '100' of type str"),
+        ({"segment": SegmentConfig(model=None)}, "segment.model must be of type str, got 'None'"),
+        ({"segment": None}, "segment must be of type SegmentConfig, got 'None'"),
+        ({"segment": TilesConfig()}, "segment must be of type SegmentConfig, got 'TilesConfig"),
+        ({"points": PointsConfig(methods="sift")}, "points.methods must be of type tuple, got 'sift' of type str"),
+        ({"points": PointsConfig(methods=("sift", 5))}, "points.methods must be of type str, got '5'"),
+        ({"points": PointsConfig(options=3)}, "points.options holds options by name"),
+        ({"raster": RasterConfig(gsd=[-1.0])}, "raster.gsd must be a finite number >= 0"),
+        ({"seed": 1.5}, "seed must be of type int, got '1.5'"),
+        ({"seed": True}, "seed must be of type int, got 'True'"),
+        ({"seed": np.int64(3)}, "seed must be of type int, got '3' of type int64"),
+    ],
+)
+def test_words_and_types_in_python(fields, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        Config(**fields)
+
+
+def test_floats_may_be_whole_and_tuples_lists():
+    config = Config(segment=SegmentConfig(min_area=100), raster=RasterConfig(gsd=[1, 0.5]))
+    assert (config.segment.min_area, config.raster.gsd) == (100, [1, 0.5])
+
+
+def test_values_of_numpy_are_those_of_python():
+    given = {"seed": np.int64(3), "gsd": np.float32(0.5), "bands": np.array([3, 2, 1]), "quality": np.str_("full")}
+    config = with_options(Config(), given)
+    assert config == Config(
+        segment=SegmentConfig(quality="full"), raster=RasterConfig(bands=(3, 2, 1), gsd=(0.5,)), seed=3
+    )
+    assert type(config.seed) is int
+    assert Config.from_dict({"segment": {"options": {"a": np.int64(3)}}}).segment.options == {"a": 3}
+    with pytest.raises(ConfigError, match=r"seed must be of type int, got '3\.5'"):
+        with_options(Config(), {"seed": np.float64(3.5)})
+    with pytest.raises(ConfigError, match=r"segment.quality must be one of .*, got '\['full', 'fast'\]'"):
+        with_options(Config(), {"quality": np.array(["full", "fast"])})
+
+
+@pytest.mark.parametrize("value", [None, {}, 3])
+def test_what_is_no_configuration(value):
+    with pytest.raises(ConfigError, match=f"got {type(value).__name__}: make one with zpm2.config.load"):
+        as_config(value)
 
 
 def test_whole_floats_are_whole_numbers():

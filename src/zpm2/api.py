@@ -43,12 +43,12 @@ class Matcher:
     """Finds and matches the polygons of pairs of any size. Arguments are those of `PairMatcher`.
 
     Files are read by windows where that pays (`photos.source.open_source`); georeferences are kept. `tiles.mode`
-    decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles: an interrupted run goes
-    on from there if photographs, configuration and code are the same, and `say` is told how many tiles it took. The
-    `photographs` that were used last are not looked at again when they come in another pair; each takes some 30 MB.
-    What networks found in earlier ones, and in windows of photographs whose regions are carried, is put into the folder
-    `aside`, which the caller makes and removes. `workers` are processes that make the tiles of large pairs
-    (`zpm2.batch.TileEngine`); they need `kept`, and methods of the configuration or given regions.
+    decides whether a pair is matched whole or in tiles. `kept` is a folder for finished tiles, of methods of the
+    configuration or given regions: an interrupted run goes on from there if photographs, configuration and code are the
+    same, and `say` is told how many tiles it took. The `photographs` that were used last are not looked at again when
+    they come in another pair; each takes some 30 MB. What networks found in earlier ones, and in windows of photographs
+    whose regions are carried, is put into the folder `aside`, which the caller makes and removes. `workers` are
+    processes that make the tiles of large pairs (`zpm2.batch.TileEngine`); they need `kept`.
     """
 
     def __init__(
@@ -72,8 +72,9 @@ class Matcher:
         self._points, self._segmenter_given = points, segmenter is not None
         own = segmenter if isinstance(segmenter, tuple) else (segmenter,)
         foreign = points is not None or not all(each is None or isinstance(each, PolygonSource) for each in own)
-        if workers is not None and foreign:
-            raise ConfigError("workers cannot take a segmenter or point matcher that is an object: name it instead")
+        if foreign and not (workers is None and kept is None):
+            what = "kept tiles" if workers is None else "workers"
+            raise ConfigError(f"{what} cannot take a segmenter or point matcher that is an object: name it instead")
         self._workers = workers
         self.keep(photographs, aside)
 
@@ -301,13 +302,17 @@ def segmenters() -> tuple[str, ...]:
 
 
 def check_segmenter(name: str) -> None:
-    """`ConfigError` for a name that is neither one of `segmenters` nor a dotted path."""
+    """`ConfigError` for what is neither one of the names `segmenters` nor a dotted path."""
+    if not isinstance(name, str):
+        raise ConfigError(
+            f"segmenter is a name, got {type(name).__name__}: give an object to zpm2.Matcher(config, segmenter=...)"
+        )
     if name != PRECOMPUTED and name not in SEGMENTERS:
         raise SEGMENTERS.unknown(name, [PRECOMPUTED])
 
 
 def check_method(name: str) -> None:
-    """`ConfigError` for a name that is not in `METHODS`."""
+    """`ConfigError` for what is not in `METHODS`."""
     if name not in METHODS:
         raise ConfigError(f"unknown method '{name}'{did_you_mean(name, METHODS)}; methods are: {', '.join(METHODS)}")
 

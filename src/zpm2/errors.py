@@ -35,7 +35,12 @@ class OutputError(Zpm2Error):
 
 
 class PointMatcherError(Zpm2Error):
-    """A point matcher that runs in a process of its own has stopped; the message holds its last words."""
+    """A point matcher of another package failed, or returned what cannot be used; or one that runs in a process of its
+    own has stopped, and the message holds its last words."""
+
+
+class SegmenterError(Zpm2Error):
+    """A segmenter of another package failed, or returned what cannot be used."""
 
 
 class WorkerError(Zpm2Error):
@@ -67,7 +72,7 @@ class Failed:
         return self.reason
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: object, known: Iterable[str]) -> str:
     """The hint " (did you mean ...?)" for a message if one of the `known` names is close; otherwise empty."""
-    close = get_close_matches(name, list(known), n=1)
+    close = get_close_matches(str(name), list(known), n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""

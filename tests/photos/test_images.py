@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from zpm2 import memory
 from zpm2.errors import InputError
 from zpm2.formats import read_image
 from zpm2.model import Image
 from zpm2.photos import images
+from zpm2.photos.source import open_source
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 50, 3), np.uint8)
@@ -97,14 +99,16 @@ def test_alpha_note_says_how_much_was_transparent():
     + [("TIFF", mode) for mode in ("L", "RGB", "RGBA", "LA", "P", "1", "I;16", "CMYK", "I", "F", "YCbCr", "PA")]
     + [
         ("memory", mode)
-        for mode in ("L", "RGB", "RGBA", "LA", "P", "1", "I;16", "CMYK", "I", "F", "YCbCr", "PA", "HSV")
+        for mode in ("L", "RGB", "RGBA", "LA", "La", "P", "1", "I;16", "CMYK", "I", "F", "YCbCr", "PA", "HSV")
     ],
 )
 def test_every_pil_mode(kind, mode, tmp_path):
     if mode == "I;16":
         picture = PIL.Image.fromarray((GRAY.astype(np.uint16) + 200) * 7)
     else:
-        picture = PIL.Image.fromarray(RGB).convert("L" if mode in ("I", "F", "PA") else "RGB").convert(mode)
+        picture = (
+            PIL.Image.fromarray(RGB).convert({"I": "L", "F": "L", "PA": "L", "La": "LA"}.get(mode, "RGB")).convert(mode)
+        )
     if kind == "memory":
         image = read_image(picture)
     else:
@@ -251,3 +255,49 @@ def test_an_image_is_taken_as_it_is() -> None:
     assert read_image(image) is image
     with pytest.raises(InputError, match="each side must have at least"):
         read_image(Image(np.zeros((8, 60, 3), np.uint8)))
+
+
+@pytest.mark.parametrize(
+    ("image", "word"),
+    [
+        (Image(GRAY), r"expected an Image with rgb \(h, w, 3\) uint8, got 40 x 50 uint8: give the array itself"),
+        (Image(np.dstack([RGB, GRAY])), "got 40 x 50 x 4 uint8"),
+        (Image(RGB / 255), "got 40 x 50 x 3 float64"),
+        (Image(RGB, valid=np.ones((3, 3), bool)), "expected an Image with valid 40 x 50 bool, got 3 x 3 bool"),
+        (Image(RGB, valid=GRAY), "got 40 x 50 uint8"),
+        (Image(RGB, valid=np.zeros((40, 50), bool)), "has no pixel with data"),
+    ],
+)
+def test_images_that_cannot_be_used(image, word) -> None:
+    for read in (read_image, open_source):
+        with pytest.raises(InputError, match=f"^right image.*{word}"):
+            read(image, "right image")
+
+
+@pytest.mark.parametrize("given", [GRAY, GRAY[..., None], RGB, np.dstack([RGB, GRAY | 1])])
+@pytest.mark.parametrize(("kind", "top", "garbage"), [("u1", 1, 9), ("u2", 1, 9), ("u2", 7, 60_000), ("f4", 1, np.nan)])
+def test_masked_pixels_are_no_data_as_transparent_ones(given, kind, top, garbage) -> None:
+    values = given.astype(kind) * top
+    mask = np.zeros(values.shape, bool)
+    mask[:, :20] = True
+    mask[0, 30] = np.arange(values.shape[2]) == 0 if values.ndim == 3 else True  # in one band
+    expected = np.dstack([np.broadcast_to(np.atleast_3d(values)[..., :3], RGB.shape), ~np.atleast_3d(mask).any(axis=2)])
+    values[mask] = garbage
+    image, transparent = read_image(np.ma.masked_array(values, mask)), read_image(expected.astype(kind))
+    assert np.array_equal(image.valid, transparent.valid)
+    assert (
+        np.abs(image.rgb.astype(int) - transparent.rgb).max() <= 1
+    )  # grey has other percentiles than three bands of it
+    assert read_image(np.ma.masked_array(given)).valid is None
+    with pytest.raises(InputError, match="no pixel with data: check its nodata value, its mask or its alpha band"):
+        read_image(np.ma.masked_array(given, True))
+
+
+def test_pixels_that_do_not_fit_into_memory_are_not_converted() -> None:
+    wide = np.broadcast_to(np.uint16(3), (10_000, 10_000, 3))
+    for pixels in (wide, PIL.Image.new("L", (10_000, 5000))):
+        with (
+            memory.within("100MB"),
+            pytest.raises(InputError, match=r"^image \(10000 x .* px\) needs about .* of memory"),
+        ):
+            read_image(pixels)

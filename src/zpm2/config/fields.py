@@ -96,7 +96,7 @@ def rule_of(item: "dataclasses.Field[object]") -> Rule:
 
 def check(name: str, value: object, rule: Rule) -> None:
     """`ConfigError` for a value that its rule does not allow."""
-    numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, int | float)]
+    numbers = [v for v in (value if isinstance(value, list | tuple) else (value,)) if isinstance(v, int | float)]
     if any(v != v or v < 0 or v == float("inf") for v in numbers):
         raise ConfigError(f"{name} must be a finite number >= 0, got {value}")
     unit = f" {rule.unit}" if rule.unit == "px" else ""

@@ -41,6 +41,34 @@ def overlay(base: T, values: object, where: str = "") -> T:
     return dataclasses.replace(base, **changed)
 
 
+def check_type(name: str, value: object, kind: object) -> None:
+    """`ConfigError` for a value that is not of its field's type, where nothing is converted. A float may be an int, a
+    tuple a list."""
+    if type(value) is not kind and not _is(value, kind):
+        _convert(value, kind, name)  # says what is wrong, unless it would take that value from a file
+        wanted = typing.get_origin(kind) or kind
+        raise ConfigError(
+            f"{name} must be of type {getattr(wanted, '__name__', wanted)}, got '{short(value)}' of type "
+            f"{type(value).__name__}"
+        )
+
+
+def _is(value: object, kind: object) -> bool:
+    """Whether a value is of a field's type."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Literal:
+        return isinstance(value, str) and value in arguments
+    if origin is tuple:
+        return isinstance(value, list | tuple) and all(_is(part, arguments[0]) for part in value)
+    if origin in (types.UnionType, typing.Union):
+        return any(_is(value, each) for each in arguments)
+    wanted = origin or kind
+    assert isinstance(wanted, type)
+    if isinstance(value, bool):
+        return kind is bool
+    return isinstance(value, int | float if kind is float else wanted)
+
+
 def known(base: "DataclassInstance", values: Mapping[str, object]) -> dict[str, object]:
     """Those of `values` that the dataclass `base` has fields for, and so on in the stages that are dataclasses."""
     kept = {f.name: values[f.name] for f in dataclasses.fields(base) if f.name in values}
@@ -55,7 +83,7 @@ def _words(values: object, name: str) -> dict[str, object]:
     """Options whose names and types are free. A text that reads as a number, true or false is one."""
     if not isinstance(values, Mapping):
         raise ConfigError(f"{name} holds options by name; set one of them: {name}.NAME=VALUE")
-    return {key: _word(value) if isinstance(value, str) else value for key, value in values.items()}
+    return {key: _word(value) if isinstance(value, str) else _plain(value) for key, value in values.items()}
 
 
 def _word(text: str) -> bool | int | float | str:
@@ -77,19 +105,28 @@ def _word(text: str) -> bool | int | float | str:
     return text
 
 
+def _plain(value: object) -> object:
+    """A scalar or an array of numpy as Python's own value or list."""
+    return value.tolist() if hasattr(value, "tolist") else value  # numpy takes 0.1 s to load
+
+
 def _convert(value: object, kind: object, name: str) -> object:
-    """`value` (a string from the command line, or a parsed TOML/JSON value) as the field's type."""
-    origin = typing.get_origin(kind)
+    """`value` (a string from the command line, a parsed TOML/JSON value, or one of numpy) as the field's type."""
+    value, origin = _plain(value), typing.get_origin(kind)
     if origin is Literal:
         choices = typing.get_args(kind)
         if value in choices:
             return value
-        raise ConfigError(f"{name} must be one of {', '.join(choices)}, got '{value}'")
+        raise ConfigError(f"{name} must be one of {', '.join(choices)}, got '{short(value)}'")
     if origin is tuple:
-        parts = value.split(",") if isinstance(value, str) else (value,) if isinstance(value, int | float) else value
+        if isinstance(value, str):
+            value = [] if value == "-" else value.split(",")
+        parts = (value,) if isinstance(value, int | float) else value
         if not isinstance(parts, list | tuple):
-            raise ConfigError(f"{name} must be a list, got '{value}'")
+            raise ConfigError(f"{name} must be a list, got '{short(value)}'")
         return tuple(_convert(p.strip() if isinstance(p, str) else p, typing.get_args(kind)[0], name) for p in parts)
+    if origin is Mapping:
+        return _words(value, name)
     if origin in (types.UnionType, typing.Union):
         if value is None or value == "none":
             return None

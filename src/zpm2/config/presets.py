@@ -34,5 +34,12 @@ def preset(name: str) -> Config:
 
 
 def as_config(config: Config | str) -> Config:
-    """A configuration as it is, or the preset of that name."""
-    return preset(config) if isinstance(config, str) else config
+    """A `Config` as it is, or the preset of that name; `ConfigError` for anything else."""
+    if isinstance(config, Config):
+        return config
+    if isinstance(config, str):
+        return preset(config)
+    raise ConfigError(
+        f"config is a zpm2.Config or the name of a preset, got {type(config).__name__}: make one with "
+        "zpm2.config.load(FILE) or zpm2.Config.from_dict(VALUES)"
+    )

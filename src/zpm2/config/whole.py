@@ -13,7 +13,7 @@ from zpm2.config.fields import check, number, option, rule_of
 from zpm2.config.global_match import GlobalConfig
 from zpm2.config.link import LinkConfig
 from zpm2.config.local_match import GuidedConfig, LocalConfig
-from zpm2.config.parse import overlay
+from zpm2.config.parse import check_type, overlay
 from zpm2.config.photos import RasterConfig, TilesConfig
 from zpm2.config.points import PointsConfig
 from zpm2.config.pose import PoseConfig
@@ -59,6 +59,7 @@ class Config:
 
     def __post_init__(self) -> None:
         for name, item, value in _fields(self):
+            check_type(name, value, item.type)
             check(name, value, rule_of(item))
 
     def check_together(self) -> None:
@@ -98,7 +99,7 @@ def _fields(
     """Each "stage.field" with its declaration and its value, those of stages within stages too."""
     for item in dataclasses.fields(holder):
         value = getattr(holder, item.name)
-        if dataclasses.is_dataclass(value):
+        if dataclasses.is_dataclass(value) and isinstance(value, typing.cast(type, item.type)):
             yield from _fields(value, f"{where}{item.name}.")
         else:
             yield f"{where}{item.name}", item, value

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from zpm2 import memory
 from zpm2.errors import InputError
 from zpm2.files.reading import regular
+from zpm2.model import Image
 
 MIN_SIDE = 32  # px, below this there is nothing to segment
 MAX_PIXELS = 1_000_000_000  # px, beyond this a file is refused before it is unpacked
@@ -29,6 +30,22 @@ def check(values: NDArray[np.generic], what: str) -> None:
     check_sides(width, height, what)
     if values.dtype.kind not in "buif":
         raise InputError(f"{what}: expected bool, integer or float values, got {values.dtype}")
+
+
+def check_image(image: Image, what: str) -> None:
+    """`InputError` for an `Image` whose arrays are not those of a photograph."""
+    rgb, valid = image.rgb, image.valid
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+        raise InputError(f"{what}: expected an Image with rgb (h, w, 3) uint8, got {_kind(rgb)}: give the array itself")
+    check_sides(image.width, image.height, what)
+    if valid is None:
+        return
+    if valid.shape != rgb.shape[:2] or valid.dtype != np.bool_:
+        raise InputError(
+            f"{what}: expected an Image with valid {image.height} x {image.width} bool, got {_kind(valid)}"
+        )
+    if not valid.any():
+        raise no_data(what)
 
 
 def check_sides(width: int, height: int, what: str) -> None:
@@ -72,6 +89,11 @@ def no_memory(what: str) -> InputError:
     return InputError(f"{what} needs more memory than there is: match it in tiles, or reduce it")
 
 
+def no_data(what: str) -> InputError:
+    """The error for a photograph without any pixel that holds data."""
+    return InputError(f"{what} has no pixel with data: check its nodata value, its mask or its alpha band")
+
+
 def too_large(what: str) -> InputError:
     """The error for a photograph of more than `MAX_PIXELS` that must be read at once."""
     return InputError(f"{what} has more than {MAX_PIXELS // 10**9} gigapixel: match it in tiles, or reduce it")
@@ -85,6 +107,10 @@ def unknown_format(what: str) -> InputError:
 def damaged(what: str, error: BaseException) -> InputError:
     """The error for a file whose content cannot be unpacked, with the decoder's message."""
     return InputError(f"{what} is damaged or cut short ({_one_line(error)}): copy or download it again")
+
+
+def _kind(values: NDArray[np.generic]) -> str:
+    return f"{' x '.join(map(str, values.shape))} {values.dtype}"
 
 
 def _one_line(error: BaseException) -> str:

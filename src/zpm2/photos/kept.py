@@ -8,6 +8,7 @@ from functools import partial
 from hashlib import blake2b
 from typing import Generic, TypeVar, cast
 
+from zpm2.errors import ConfigError
 from zpm2.model import Image
 from zpm2.photos.shelf import Arrays, Shelf
 
@@ -34,10 +35,13 @@ class _Photo:
 class KeptPhotos:
     """The `most` photographs that were used last, and what was found in each of them alone. Threads may share it.
 
-    What was found in the others goes on the `shelf`, where there is one, as far as it has a `Form`.
+    What was found in the others goes on the `shelf`, where there is one, as far as it has a `Form`. `ConfigError` for
+    less than 0 photographs.
     """
 
     def __init__(self, most: int = 0, shelf: Shelf | None = None) -> None:
+        if most < 0:
+            raise ConfigError(f"photographs to keep must be at least 0, got {most}")
         self.most, self.shelf = most, shelf
         self._photos: OrderedDict[Hashable, _Photo] = OrderedDict()
         self._lock = threading.Lock()

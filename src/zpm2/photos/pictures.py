@@ -78,6 +78,7 @@ def read_file(path: Path, what: str, stretch: StretchConfig = radiometry.DEFAULT
 
 def from_picture(picture: PIL.Image.Image, what: str, stretch: StretchConfig = radiometry.DEFAULTS) -> Image:
     """A picture in memory, by the rules of `read_image`."""
+    checks.check_memory(*picture.size, _bytes_each(picture), what)
     with _pixel_limit(what):
         pixels, notes, nodata = _unpacked(picture, what)
     return radiometry.to_image(pixels, what, None, notes, nodata, stretch)
@@ -185,7 +186,7 @@ def _unpacked(picture: PIL.Image.Image, what: str) -> tuple[Values, list[str], f
     if keyed or picture.mode in ("LA", "La", "PA", "RGBa"):
         if picture.mode == "1":
             notes.append(Note("1-bit values became black and white."))
-        picture = picture.convert("RGBA")
+        picture = (picture.convert("LA") if picture.mode == "La" else picture).convert("RGBA")
     elif picture.mode == "P":
         picture = picture.convert("RGB")
     elif picture.mode not in ("1", "L", "RGB", "RGBA", "I", "F") and not picture.mode.startswith("I;16"):

@@ -31,12 +31,16 @@ def to_image(
 ) -> Image:
     """(h, w), (h, w, 1), (h, w, 3) or (h, w, 4) values, the last with alpha, as a photograph. See `read_image`.
 
-    Pixels that are transparent, or `nodata` in all bands, hold no data. Values with a `path` come from a file: there
-    NaN, infinity and a value that fills the border are no data either. `InputError` for values that cannot be used.
+    Pixels that are transparent, masked in any band (`np.ma`), or `nodata` in all bands, hold no data. Values with a
+    `path` come from a file: there NaN, infinity and a value that fills the border are no data either. `InputError` for
+    values that cannot be used.
     """
     checks.check(values, what)
     notes = list(notes)
     valid: Valid = None
+    if np.ma.is_masked(values):
+        valid = np.asarray(~np.ma.getmaskarray(values).reshape(*values.shape[:2], -1).any(axis=2))
+    values = np.ma.getdata(values)
     if values.dtype == np.bool_:
         values = values.astype(np.uint8) * 255
         notes.append(Note("1-bit values became black and white."))
@@ -44,9 +48,10 @@ def to_image(
         values = values[..., None]
     if values.shape[2] == 4:
         values, alpha = values[..., :3], values[..., 3]
-        valid = np.asarray(alpha > 0)
-        if valid.all():
+        visible = np.asarray(alpha > 0)
+        if visible.all():
             notes.append(OPAQUE if (alpha == alpha[0, 0]).all() else NOT_TRANSPARENT)
+        valid = both(valid, visible)
     if nodata is not None:
         valid = both(valid, differs(values, nodata))
     if values.dtype.kind == "f":
@@ -70,6 +75,13 @@ def to_image(
     return Image(rgb, path, tuple(notes), valid)
 
 
+def bytes_each(values: NDArray[np.generic]) -> int:
+    """Memory per pixel that `to_image` takes, in bytes: a copy of values that are not 8-bit, these as 8 bit, and the
+    result."""
+    bands = values.shape[2] if values.ndim == 3 else 1
+    return 3 + (0 if values.dtype == np.uint8 else bands * (values.itemsize + 1))
+
+
 def both(one: Valid, other: Valid) -> Valid:
     """The pixels that are valid in both masks."""
     if one is None or other is None:
@@ -86,7 +98,7 @@ def gap_notes(valid: NDArray[np.bool_], what: str) -> list[str]:
     """A note where some pixels hold no data. `InputError` where all do not."""
     share = 1 - np.count_nonzero(valid) / valid.size
     if share == 1:
-        raise InputError(f"{what} has no pixel with data: check its nodata value or its alpha band")
+        raise checks.no_data(what)
     if share == 0:
         return []
     return [Note(f"Pixels without data (nodata, alpha or not finite) are left out: {max(share, 0.001):.1%}.")]

@@ -43,6 +43,7 @@ class Raster:
     """
 
     held = 0  # bytes that are in memory all the time
+    pixels_given = False
 
     def __init__(
         self,

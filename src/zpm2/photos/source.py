@@ -35,6 +35,11 @@ class Source(Protocol):
         ...
 
     @property
+    def pixels_given(self) -> bool:
+        """Whether the caller gave its pixels, which may differ from the file at its path."""
+        ...
+
+    @property
     def width(self) -> int:
         """In px."""
         ...
@@ -81,8 +86,10 @@ class InMemoryPhoto:
     placed = False
     files = ()
 
-    def __init__(self, image: Image, notes: Sequence[str] = (), gsd: float | None = None) -> None:
-        self.image, self.path = image, image.path
+    def __init__(
+        self, image: Image, notes: Sequence[str] = (), gsd: float | None = None, pixels_given: bool = False
+    ) -> None:
+        self.image, self.path, self.pixels_given = image, image.path, pixels_given
         self.width, self.height = image.width, image.height
         self.notes = (*image.notes, *notes)
         self.geo = Georeference(gsd=gsd)
@@ -124,7 +131,7 @@ def open_source(
         return _open_file(Path(source), name, config, gsd)
     if config.bands:
         raise InputError(f"{name}: bands are chosen from files; choose them in the array yourself")
-    return InMemoryPhoto(_from_memory(source, name, config), (), gsd)
+    return InMemoryPhoto(_from_memory(source, name, config), (), gsd, pixels_given=True)
 
 
 def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -> Source:
@@ -157,11 +164,13 @@ def _open_file(path: Path, name: str, config: RasterConfig, gsd: float | None) -
 
 def _from_memory(source: object, name: str, config: RasterConfig) -> Image:
     if isinstance(source, Image):
-        checks.check(source.rgb, name)
+        checks.check_image(source, name)
         return source
     if isinstance(source, PIL.Image.Image):
         return pictures.from_picture(source, name, config.stretch)
     if isinstance(source, np.ndarray):
+        checks.check(source, name)
+        checks.check_memory(source.shape[1], source.shape[0], radiometry.bytes_each(source), name)
         return radiometry.to_image(source, name, stretch=config.stretch)
     raise InputError(f"{name}: expected a path, a numpy array or a PIL picture, got {type(source).__name__}")
 
