@@ -63,6 +63,15 @@ class Ints(Quarters):
         return [dataclasses.replace(mask, bits=mask.bits.astype(np.uint8)) for mask in super().segment(image)]
 
 
+class Numbered(Quarters):
+    def segment(self, image: Image) -> list[Mask]:
+        return [dataclasses.replace(mask, label=7) for mask in super().segment(image)]  # type: ignore[arg-type]
+
+
+class OneNote(Quarters):
+    notes = "slow device"
+
+
 class Random(Quarters):
     count = -1
 
@@ -91,6 +100,8 @@ class Fails(Quarters):
         (Nameless, "has a name", "give the class name = 'word'"),
         (Outside, "finds the regions of a scene", "lies outside: 2 x 1 px at 399, 0; cut it to the image"),
         (Ints, "finds the regions of a scene", "no 2-D array of bool: use bits.astype(bool)"),
+        (Numbered, "finds the regions of a scene", "is 7: give a str or None"),
+        (OneNote, "keeps what else it promises", "its notes are no texts: give a list of str"),
         (Random, "gives the same bytes twice", "come in another order the second time: sort them"),
         (Writes, "leaves the image alone", "writes into the pixels"),
         (

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from rendered import Pair, photograph
 
 from zpm2 import Matcher, MatchResult, Polygon, Zpm2Error
 from zpm2.config import Config, PointsConfig, TilesConfig, assign, preset
-from zpm2.errors import ConfigError, InputError
+from zpm2.errors import ConfigError, InputError, PointMatcherError, SegmenterError
 from zpm2.model import Image, Mask, PointMatches
 from zpm2.pipeline import PairMatcher
 
@@ -87,6 +88,28 @@ def test_each_photograph_is_described_once(views: list[Path], monkeypatch: pytes
     seen.clear()
     list(matcher.match_many([views[:2], views[1:], views[:2]], at_once=1, photographs=2))
     assert 3 < len(seen) < 6  # the left one was forgotten when it came again
+
+
+BY_PART: dict[str, tuple[str, object, type[Zpm2Error]]] = {  # what is called, a good answer, the error
+    "segmenter": ("segment", [], SegmenterError),
+    "points": ("match", PointMatches.empty(), PointMatcherError),
+}
+
+
+@pytest.mark.parametrize("part", BY_PART)
+def test_a_part_that_fails_costs_its_pair(part: str, views: list[Path]) -> None:
+    seen = itertools.count()
+    method, good, wrong = BY_PART[part]
+    own = SimpleNamespace(name="own", **{method: lambda *images: good if next(seen) else None})
+    parts: Any = {"segmenter": Squares(), part: own}
+    found = list(Matcher(CONFIG, **parts).match_many([(views[0], views[1])] * 2))
+    assert [type(each) for each in found] == [wrong, MatchResult]
+
+
+def test_a_photograph_and_itself_match_as_in_a_call(views: list[Path]) -> None:
+    pixels = np.asarray(PIL.Image.open(views[0]))[:150, :200]
+    (many,) = squares().match_many([(pixels, pixels)])
+    assert content(many) == content(squares()(pixels, pixels))
 
 
 class Shifted:

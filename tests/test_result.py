@@ -19,7 +19,7 @@ from rendered import photograph
 
 from zpm2 import MatchResult, Polygon, PolygonMatch
 from zpm2.config import recorded
-from zpm2.errors import Failed, InputError, OutputError
+from zpm2.errors import ConfigError, Failed, InputError, OutputError
 from zpm2.model import ImagePolygons, PointMatches
 from zpm2.photos import reopen
 from zpm2.photos.source import open_source
@@ -421,6 +421,17 @@ def test_a_contact_sheet_names_matches_by_their_ids(result: MatchResult, monkeyp
     )
     result.contact_sheet()
     assert said == [f"match {m.id}   (right {m.right})   {m.confidence:.2f}" for m in result.matches]
+
+
+def test_sizes_of_pictures_that_cannot_be_are_refused(result: MatchResult) -> None:
+    for draw in (
+        lambda: result.plot(0),
+        lambda: result.plot_unmatched(-1),
+        lambda: result.contact_sheet(-1),
+        lambda: result.contact_sheet(3, seed=-1),
+    ):
+        with pytest.raises(ConfigError, match="not "):
+            draw()
 
 
 def test_two_saves_give_the_same_bytes(result: MatchResult, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pkgutil
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -319,6 +320,34 @@ class Models(Registry[Model]):
         if not callable(value):
             raise ConfigError(f"{self.kind} '{name}' is a {type(value).__name__}: give a class, or a function")
         return Model(name, value)
+
+
+class WrongAnswer(Exception):
+    """What a segmenter or matcher returned cannot be used. The text goes on after "returned"."""
+
+
+@contextmanager
+def answering(part: object, kind: str, error: type[Zpm2Error]) -> Iterator[None]:
+    """Around a call of a segmenter or matcher and the checks of what it returns: a `WrongAnswer`, and what the code of
+    others raises, become an `error` that names the part."""
+    name = getattr(part, "name", type(part).__name__)
+    try:
+        yield
+    except WrongAnswer as wrong:
+        raise error(f"{kind} '{name}' returned {wrong} (python -m zpm2.contract checks one)") from wrong
+    except (Zpm2Error, MemoryError):
+        raise
+    except Exception as problem:  # whatever another package may raise
+        if module_of(type(part)).startswith("zpm2."):
+            raise
+        raise error(f"{kind} '{name}' raised {_told(problem)}") from problem
+
+
+def listed(answer: object, wanted: str) -> list[Any]:
+    """What was returned, as a list; `WrongAnswer` that says what is `wanted` where it is nothing of the kind."""
+    if not isinstance(answer, Iterable):
+        raise WrongAnswer(f"a {type(answer).__name__} instead of a list of {wanted}")
+    return list(answer)
 
 
 def value_at(path: str, kind: str) -> Any:

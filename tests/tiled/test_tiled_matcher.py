@@ -132,6 +132,21 @@ def matcher(*settings, segmenter=None, points=None, **options):
     return Matcher(config(*settings), segmenter=segmenter, points=points, **options)
 
 
+NAMED = ["segment.model=test_tiled_matcher:colours", "points.methods=test_tiled_matcher:OrbPoints"]
+COLOURS = ColourSegmenter()
+
+
+def colours():
+    """The segmenter of `NAMED`; forgets what it saw."""
+    COLOURS.sizes.clear()
+    return COLOURS
+
+
+def named(*settings, **options):
+    """The same matcher, with methods of the configuration, as tiles are kept of these alone."""
+    return Matcher(config(*NAMED, *settings), **options)
+
+
 def visible(given):
     """The shapes that both photographs show whole, and clear of the borders."""
     frames = [shapely.box(3, 3, side.shape[1] - 3, side.shape[0] - 3) for side in (given.left, given.right)]
@@ -279,35 +294,41 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     for pixels, path in zip((given.left, given.right), sides, strict=True):
         PIL.Image.fromarray(pixels).save(path)
     with pytest.raises(KeyboardInterrupt):
-        matcher(progress=Interrupt(5), kept=kept)(*sides)
+        named(progress=Interrupt(5), kept=kept)(*sides)
     (folder,) = kept.iterdir()
     assert len(list(folder.iterdir())) == 5
-    segmenter, said = ColourSegmenter(), []
-    result = matcher(kept=kept, segmenter=segmenter, say=said.append)(*sides)
+    said = []
+    result = named(kept=kept, say=said.append)(*sides)
+    seen = len(COLOURS.sizes)
     assert [text for text in said if text.startswith("5 of") and text.endswith("earlier run")]
-    before, after = content(plain()[0]), content(result)
+    before, after = content(named()(given.left, given.right)), content(result)
     for side, path in zip(("left", "right"), sides, strict=True):
         assert (before[side].pop("path"), after[side].pop("path")) == (None, str(path))
     assert before == after
-    assert 0 < len(segmenter.sizes) == len(plain()[1]) - 2 * 5
-    segmenter.sizes.clear()
-    again = matcher(kept=kept, segmenter=segmenter)(*sides)
+    assert 0 < seen == len(COLOURS.sizes) - 2 * 5
+    again = named(kept=kept)(*sides)
     assert content(again) == content(result)
-    assert segmenter.sizes == []  # all of them are there
+    assert COLOURS.sizes == []  # all of them are there
+
+
+@pytest.mark.parametrize("own", [{"segmenter": ColourSegmenter()}, {"points": OrbPoints()}])
+def test_tiles_are_kept_of_methods_that_have_a_name(tmp_path, own):
+    with pytest.raises(ConfigError, match="kept tiles cannot take a segmenter or point"):
+        Matcher(config(), kept=tmp_path, **own)
 
 
 def test_tiles_of_another_pair_or_configuration_are_not_taken(tmp_path):
     kept, given = tmp_path / "tiles", scene()
     for settings, right in ((), given.right), (("segment.min_area=130",), given.right), ((), given.right[::-1]):
         with pytest.raises(KeyboardInterrupt):
-            matcher(*settings, progress=Interrupt(1), kept=kept)(given.left, np.ascontiguousarray(right))
+            named(*settings, progress=Interrupt(1), kept=kept)(given.left, np.ascontiguousarray(right))
     assert len(list(kept.iterdir())) == 3
 
 
 def test_a_folder_for_tiles_that_cannot_be_made(tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(OutputError, match="taken"):
-        matcher(kept=tmp_path / "taken")(scene().left, scene().right)
+        named(kept=tmp_path / "taken")(scene().left, scene().right)
 
 
 # --- modes

@@ -44,6 +44,8 @@ def check_form(masks: object, image: Image) -> list[Mask]:
         expect(bool(bits.any()), f"{what} has no pixel: leave empty masks out")
         score = type(mask.score) is float and 0 <= mask.score <= 1
         expect(score, f"the score of {what} is {mask.score!r}: give a float from 0 to 1")
+        label = mask.label is None or isinstance(mask.label, str)
+        expect(label, f"the label of {what} is {mask.label!r}: give a str or None")
     return masks
 
 
@@ -114,7 +116,9 @@ def extras(of: For) -> None:
     segmenter = of(image)
     segmenter.segment(image)
     if isinstance(segmenter, HasNotes):
-        expect(all(isinstance(note, str) for note in segmenter.notes), "its notes are no texts: give a list of str")
+        notes = segmenter.notes
+        good = not isinstance(notes, str) and all(isinstance(note, str) for note in notes)
+        expect(good, "its notes are no texts: give a list of str")
     if isinstance(segmenter, PolygonSource):
         _polygons(segmenter, image)
     if isinstance(segmenter, PromptedSegmenter):

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from zpm2.features.protocol import PointMatcher, SparseMatcher
+from zpm2.features.answers import points_of, points_of_many
+from zpm2.features.protocol import PointMatcher
 from zpm2.model import Image, PointMatches
 from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.runtime import check_not_forked
@@ -36,17 +37,12 @@ class CombinedMatcher:
     def match_kept(self, left: Image, right: Image, kept: KeptPhotos) -> PointMatches:
         """The same, with the features of photographs that are `kept`, of matchers that look at each one alone."""
         check_not_forked()
-        return self._joined(
-            [
-                m.match_kept(left, right, kept) if isinstance(m, SparseMatcher) else m.match(left, right)
-                for m in self.matchers
-            ]
-        )
+        return self._joined([points_of(m, left, right, kept) for m in self.matchers])
 
     def match_many(self, pairs: Sequence[tuple[Image, Image]]) -> list[PointMatches]:
         """See `PointMatcher.match_many`."""
         check_not_forked()
-        return [self._joined(found) for found in zip(*(m.match_many(pairs) for m in self.matchers), strict=True)]
+        return [self._joined(found) for found in zip(*(points_of_many(m, pairs) for m in self.matchers), strict=True)]
 
     def _joined(self, found: Sequence[PointMatches]) -> PointMatches:
         joined = PointMatches.join(found)

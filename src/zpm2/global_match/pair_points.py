@@ -17,6 +17,7 @@ from zpm2.config import Config, EscalateConfig
 from zpm2.config.points import OWN, parts_of_search
 from zpm2.errors import MissingDependency, WeightsError
 from zpm2.features import METHODS, PointMatcher
+from zpm2.features.answers import points_of
 from zpm2.features.combined import CombinedMatcher, distinct
 from zpm2.features.views import to_originals, view
 from zpm2.global_match.coarse import Hint, Images, apart, hints
@@ -88,7 +89,7 @@ class PointFinder:
             if isinstance(matcher, CombinedMatcher):
                 points = matcher.match_kept(*images, kept)
             else:
-                points = matcher.match(*images)
+                points = points_of(matcher, *images)
         return points_with_data(points, images)
 
     def _again(self, images: Images, first: InitialGeometry) -> PairPoints:

@@ -15,6 +15,7 @@ from zpm2.photos.kept import NOTHING_KEPT, KeptPhotos
 from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
+from zpm2.segment.answers import masks_of, polygons_of
 from zpm2.segment.protocol import JointSegmenter, PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
 from zpm2.segment.view_of import view_of
 
@@ -162,11 +163,10 @@ class RegionFinder:
     def _polygons(self, segmenter: Segmenter, image: Image) -> tuple[list[Polygon], list[str]]:
         """The polygons of one side, and the segmenter's notes."""
         if isinstance(segmenter, PolygonSource):
-            found = segmenter.polygons(image)
+            found = polygons_of(segmenter, image)
         else:
             size = image.width, image.height
-            masks = [mask.within(image.valid) for mask in segmenter.segment(image)]
-            found = vectorize(masks, self.config.vectorize, self.config.segment.min_area, size)
+            found = vectorize(masks_of(segmenter, image), self.config.vectorize, self.config.segment.min_area, size)
         self._sides_done += 1
         return found, notes_of(segmenter)
 

@@ -32,7 +32,7 @@ def outlines(
     """The polygons of `vectorize`, without parents, and (n,) the row of the mask that each stands for."""
     rows, rings, corners = [], list[list[NDArray[np.float64]]](), []
     for row, mask in enumerate(masks):
-        for piece in pieces(_cut(mask, size), most=1):
+        for piece in pieces(cut(mask, size), most=1):
             exterior, *holes = rings_of_piece(piece.bits)
             kept = [exterior, *(hole for hole in holes if _area(hole) >= min_area)]
             if _area(exterior) - sum(_area(hole) for hole in kept[1:]) >= max(min_area, 1.0):
@@ -54,7 +54,7 @@ def _area(ring: NDArray[np.float64]) -> float:
     return abs(shoelace(ring)) / 2
 
 
-def _cut(mask: Mask, size: tuple[int, int]) -> Mask:
+def cut(mask: Mask, size: tuple[int, int]) -> Mask:
     """The part of a mask inside an image of `size` (width, height) px."""
     left, top = max(0, -mask.x0), max(0, -mask.y0)
     right, bottom = max(0, size[0] - mask.x0), max(0, size[1] - mask.y0)

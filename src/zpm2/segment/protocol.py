@@ -52,7 +52,8 @@ class FromFile(Protocol):
 
 def notes_of(segmenter: Segmenter) -> list[str]:
     """What a segmenter has to tell about its last image; nothing for one without `notes`."""
-    return list(segmenter.notes) if isinstance(segmenter, HasNotes) else []
+    notes = segmenter.notes if isinstance(segmenter, HasNotes) else []
+    return [notes] if isinstance(notes, str) else list(notes or [])
 
 
 class PromptedView(Protocol):

@@ -11,6 +11,7 @@ from zpm2.features.combined import distinct
 from zpm2.model import Image, PointMatches, Polygon
 from zpm2.photos.raster import Window
 from zpm2.photos.source import Source
+from zpm2.segment.answers import polygons_of
 from zpm2.segment.protocol import PolygonSource
 from zpm2.tiled import windows
 from zpm2.tiled.predict import coherent_points
@@ -48,7 +49,7 @@ def join_regions(
 def given_regions(segmenter: PolygonSource, source: Source, min_area: float) -> StitchedRegions:
     """Regions that the user gave; no tile cuts them."""
     blank = np.broadcast_to(np.zeros(1, np.uint8), (source.height, source.width, 3))
-    polygons = [p for p in segmenter.polygons(Image(blank, source.path, geo=source.geo)) if p.area >= min_area]
+    polygons = [p for p in polygons_of(segmenter, Image(blank, source.path, geo=source.geo)) if p.area >= min_area]
     return StitchedRegions(polygons, np.zeros(len(polygons), bool), 0, 0)
 
 

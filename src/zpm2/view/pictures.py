@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zpm2.config import RasterConfig
+from zpm2.errors import ConfigError
 from zpm2.formats.registry import PairResult
 from zpm2.model import SIDES, ImagePolygons, Polygon
 from zpm2.photos.reopen import pixels, reopened
@@ -29,7 +30,10 @@ def unmatched(result: PairResult, config: RasterConfig, max_width: int) -> Pixel
 
 
 def sheet(result: PairResult, config: RasterConfig, count: int, seed: int) -> Pixels:
-    """(h, w, 3) up to `count` random matches, each with its two polygons close up. Only what is shown is read."""
+    """(h, w, 3) up to `count` random matches, each with its two polygons close up. Only what is shown is read.
+    `ConfigError` for a `count` or a `seed` under 0."""
+    if not min(count, seed) >= 0:
+        raise ConfigError(f"a contact sheet takes a number of matches and a seed of 0 or more, not {count}, {seed}")
     chosen = np.random.default_rng(seed).permutation(len(result.matches))[:count]
     matches = [result.matches[k] for k in sorted(chosen)]
     crops = []
@@ -55,7 +59,9 @@ def all_pictures(result: PairResult, config: RasterConfig, max_width: int, count
 
 
 def _shown(result: PairResult, config: RasterConfig, longest: int) -> tuple[ImagePolygons, ImagePolygons]:
-    """Both sides with their photographs, `longest` px or more."""
+    """Both sides with their photographs, `longest` px or more. `ConfigError` for one under 1."""
+    if not longest >= 1:
+        raise ConfigError(f"a picture is at least 1 px wide, not {longest}")
     left, right = (
         replace(side, image=pixels(side, name, config, longest))
         for name, side in zip(SIDES, (result.left, result.right), strict=True)

@@ -92,6 +92,7 @@ def _nearest(query: NDArray[np.float32], base: NDArray[np.float32]) -> tuple[NDA
     """
     nearest = np.zeros(len(query), np.intp)
     ratio = np.ones(len(query))
+    base = base.copy()  # an array times itself is another routine of BLAS, which rounds differently
     for start in range(0, len(query), ROWS_AT_ONCE):
         rows = slice(start, start + ROWS_AT_ONCE)
         squared = np.maximum(2.0 - 2.0 * (query[rows] @ base.T), 0.0)
