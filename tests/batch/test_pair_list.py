@@ -41,12 +41,12 @@ def test_a_list_comes_back_as_it_was_written(tmp_path: Path) -> None:
 def test_names_are_readable_unique_and_stable() -> None:
     rows = [("/1/left.png", "/1/right.png"), ("/2/left.png", "/2/right.png"), ("/3/LEFT.png", "/3/right.png")]
     rows += [("/.x y.tif", "/ü/a.b.png"), ("/" + "z" * 300 + ".png", "/r.png")]
-    pairs = named("list", [Pair("", *row) for row in rows] + [Pair("left_right_2", "/4.png", "/5.png")])
+    pairs = named("list", [Pair("left_right_2", "/4.png", "/5.png")] + [Pair("", *row) for row in rows])
     names = [pair.name for pair in pairs]
-    assert names[:4] == ["left_right", "left_right_3", "LEFT_right_4", "x_y_a.b"]
+    assert names[1:5] == ["left_right", "left_right_3", "LEFT_right_4", "x_y_a.b"]
     assert len({name.casefold() for name in names}) == len(names)
     assert max(map(len, names)) < 130
-    assert named("list", [Pair("", *row) for row in rows])[0].name == names[0]
+    assert named("list", [Pair("", *row) for row in rows])[0].name == names[1]
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,7 @@ def test_names_are_readable_unique_and_stable() -> None:
         ("left,right\na,\n", "row 1 lacks a photograph"),
         ("left,right\na,b\na,b\n", "row 2 is the same pair as row 1"),
         ("left,right,name\na,b,n\na,c,N\n", "rows 1 and 2 are both N"),
+        ("left,right,name\na,b,\nc,d,\nx,y,A_b\n", "rows 1 and 3 are both A_b: choose another name for row 3"),
         ("left,right,name\na,b,../up\n", "no folder can be named"),
         ("left,right,name\na,b,.hidden\n", "no folder can be named"),
         ('left,right\n"a,b\n', "not a CSV file"),

@@ -20,6 +20,7 @@ from zpm2.batch.results import Row
 from zpm2.batch.supply import Supply
 from zpm2.config import assign, preset
 from zpm2.errors import ConfigError
+from zpm2.model import Image
 
 SETTINGS = ["device=cpu", "tiles.mode=on", "tiles.size=256", "guided.direction=off", "points.escalate.on=false"]
 SETTINGS += ["points.methods=sift", "segment.model=classical"]
@@ -61,6 +62,16 @@ def test_the_same_result(engine: Callable[[], Engine], photographs: list[str], a
     assert said == []  # no tile was left over, none is of an earlier run
 
 
+def test_pages_of_a_tiff(photographs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rasterio")
+    first, second = map(PIL.Image.open, photographs)
+    first.save(tmp_path / "a.tif", save_all=True, append_images=[second])
+    monkeypatch.chdir(tmp_path)
+    pages, said = ["GTIFF_DIR:1:a.tif", "GTIFF_DIR:2:a.tif"], list[str]()
+    assert matched(pages, tmp_path / "a", batch.TileEngine(Here()), said) == matched(pages, tmp_path / "b", None, [])
+    assert said == []
+
+
 def test_what_no_worker_can_make_is_left_to_the_run(photographs: list[str], alone: str, tmp_path: Path) -> None:
     class Broken(Here):
         def run(self, job: Job, supply: Supply) -> Generator[Row, None, None]:
@@ -77,6 +88,9 @@ def test_what_workers_cannot_see_is_refused(photographs: list[str], tmp_path: Pa
     arrays = [np.asarray(PIL.Image.open(path)) for path in photographs]
     with pytest.raises(ConfigError, match="photographs that are files"):
         zpm2.Matcher(CONFIG, kept=tmp_path, workers=workers)(*arrays)
+    named = [Image(pixels, path) for pixels, path in zip(arrays, photographs, strict=True)]
+    with pytest.raises(ConfigError, match="photographs that are files"):
+        zpm2.Matcher(CONFIG, kept=tmp_path, workers=workers)(*named)
     with pytest.raises(ConfigError, match="a folder for finished tiles"):
         zpm2.Matcher(CONFIG, workers=workers)(*photographs)
 

@@ -379,6 +379,7 @@ def test_ground_sampling_distance_of_a_projected_image(tmp_path, turn, flip):
     [
         ("EPSG:4326", Affine(1e-5, 0, 8, 0, -1e-5, 60), np.sqrt(0.5578 * 1.1141)),
         ("EPSG:4326", Affine(1e-5, 0, 179.9995, 0, -1e-5, 0), np.sqrt(1.1132 * 1.1057)),
+        ("EPSG:4326", Affine(1e-5, 0, 190, 0, -1e-5, 0), np.sqrt(1.1132 * 1.1057)),
         ("EPSG:3857", Affine(1, 0, 0, 0, -1, 8399737.9), 0.5014),  # 60 degrees north
         ("EPSG:2263", Affine(1, 0, 985_000, 0, -1, 200_000), 0.3048),  # in feet
         ("EPSG:3413", Affine(10, 0, -800, 0, -10, 600), 10 / 0.9699),  # the pole in the middle
@@ -392,10 +393,17 @@ def test_ground_sampling_distance_of_any_reference_system(tmp_path, crs, transfo
         points = np.array([(3.0, 4.0), (80, 60), (150, 110)])
         degrees = opened.to_lon_lat(points)
         assert (np.abs(degrees) <= (180, 90)).all()
-        if abs(transform.c - 179.9995) > 1:
-            assert np.abs(opened.from_lon_lat(degrees) - points).max() < 1e-3
+        assert np.abs(opened.from_lon_lat(degrees) - points).max() < 1e-3
     with open_raster(path, gsd=0.25) as opened:
         assert opened.geo.gsd == 0.25
+
+
+@pytest.mark.parametrize(("west", "each"), [(-180, 360 / 159), (0, 360 / 160), (-180.5, 361 / 160)])
+def test_borders_of_a_world_map_stay_apart(tmp_path, west, each):
+    path = write(tmp_path / "a.tif", RGB, crs="EPSG:4326", transform=Affine(each, 0, west, 0, -1, 60))
+    with open_raster(path) as opened:
+        borders = np.array([(0, 5.0), (360 / each, 5), (160, 5)])
+        assert np.allclose(opened.from_lon_lat(opened.geo.to_world(borders)), borders)
 
 
 def test_reference_systems_without_a_code(tmp_path):

@@ -50,6 +50,16 @@ def test_a_strip_is_matched_in_tiles(width, height, upright, size, mode):
     assert good > 0.8 * there
 
 
+@pytest.mark.parametrize(("width", "height", "upright"), [(2300, 100, False), (2300, 100, True), (900, 100, False)])
+def test_small_tiles_of_a_narrow_photograph(width, height, upright):
+    given = scene(width, height, pitch=height - 10, matrix=SHIFT, wide=False)
+    pair = tall(given) if upright else (given.left, given.right)
+    result = Matcher(config("tiles.size=256"), segmenter=Eye(), points=OrbPoints())(*pair)
+    good, found, there = right_ones(result, given, upright)
+    assert good >= 0.95 * found
+    assert good > 0.8 * there
+
+
 def test_a_strip_without_points_in_common_finishes():
     strip = np.random.default_rng(0).integers(0, 255, (33, 100_000, 3), np.uint8)
     result = Matcher(config("tiles.mode=auto"), segmenter=Eye(), points=OrbPoints())(strip, strip)

@@ -36,19 +36,18 @@ def pairs_of_folder(
 
 def named(place: str, pairs: Iterable[Pair]) -> list[Pair]:
     """The pairs with names: their own, or else those of their photographs, `LEFT_RIGHT`, with a number where that is
-    taken by an earlier pair. `InputError` for a name that two have, and for a pair that is there twice."""
-    listed = list(pairs)
+    taken by an earlier pair. `InputError` for a name that an earlier pair has, and for a pair that is there twice."""
     taken: dict[str, int] = {}
+    counts: dict[str, int] = {}
     seen: dict[tuple[str | None, ...], int] = {}
-    for row, pair in enumerate(listed, start=1):
+    found = []
+    for row, pair in enumerate(pairs, start=1):
         if (first := seen.setdefault(astuple(pair)[1:], row)) != row:
             raise InputError(f"{place}: row {row} is the same pair as row {first}: remove one")
-        if pair.name and taken.setdefault(pair.name.casefold(), row) != row:
-            raise InputError(f"{place}: rows {taken[pair.name.casefold()]} and {row} are both {pair.name}: rename one")
-    counts: dict[str, int] = {}
-    found = []
-    for pair in listed:
+        if other := taken.get(pair.name.casefold()):
+            raise InputError(f"{place}: rows {other} and {row} are both {pair.name}: choose another name for row {row}")
         name = pair.name or free_name(f"{stem(pair.left)}_{stem(pair.right)}", taken, counts)
+        taken[name.casefold()] = row
         found.append(replace(pair, name=name))
     return found
 

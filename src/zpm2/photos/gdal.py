@@ -70,7 +70,7 @@ def open_file(path: str | Path, what: str) -> "DatasetReader":
     `InputError` for a missing or empty file, for names of anything but a local file, and for files that refer to other
     places (a VRT, an overview or mask file; see `photos.vrt`). `UnsupportedByGdal` for other formats and damaged files.
     """
-    page, name = found.groups() if (found := _PAGE.fullmatch(str(path))) else ("", str(path))
+    page, name = page_and_file(str(path))
     rasterio = require_rasterio()
     file = Path(os.path.abspath(name))  # an absolute path cannot mean anything but a file
     if _ELSEWHERE.match(name) and not file.exists():
@@ -92,6 +92,12 @@ def open_file(path: str | Path, what: str) -> "DatasetReader":
         source.close()
         raise
     return source
+
+
+def page_and_file(path: str) -> tuple[str, str]:
+    """`GTIFF_DIR:2:` and `a.tif` of `GTIFF_DIR:2:a.tif`; "" and the path of anything else."""
+    found = _PAGE.fullmatch(path)
+    return (found[1], found[2]) if found else ("", path)
 
 
 @contextmanager

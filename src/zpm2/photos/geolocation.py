@@ -34,16 +34,17 @@ class Geolocator(Protocol):
 
 
 class TransformGeolocator:
-    """By a reference system (rasterio's CRS) and the affine map into it."""
+    """By a reference system (rasterio's CRS) and the affine map into it, for a photograph of `size` (width, height)
+    px."""
 
-    def __init__(self, crs: "CRS", geo: Georeference) -> None:
-        self._crs, self._geo = crs, geo
+    def __init__(self, crs: "CRS", geo: Georeference, size: tuple[int, int]) -> None:
+        self._crs, self._geo, self._size = crs, geo, size
 
     def to_lon_lat(self, points: Array) -> Array:
         return _wrapped(_warped(self._crs, WGS84, self._geo.to_world(points)), 0.0)
 
     def from_lon_lat(self, degrees: Array) -> Array:
-        return self._geo.to_image(_warped(WGS84, self._crs, degrees))
+        return _to_image(self._crs, self._geo, self._size, _warped(WGS84, self._crs, degrees))
 
 
 class RpcGeolocator:
@@ -94,7 +95,8 @@ def place_of(
         matrix = None
     geo, rpcs = Georeference(_crs_text(source.crs), matrix), _rpcs(source)
     place: Geolocator | None = None
-    if geo.located and _reaches_ground(by_transform := TransformGeolocator(source.crs, geo), width, height):
+    by_transform = TransformGeolocator(source.crs, geo, (width, height))
+    if geo.located and _reaches_ground(by_transform, width, height):
         place = by_transform
     elif rpcs is not None and _reaches_ground(by_rpc := RpcGeolocator(rpcs), width, height):
         place = by_rpc
@@ -123,15 +125,15 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
         return None
 
 
-def from_world(geo: Georeference, crs: str, points: Array) -> Array:
-    """(n, 2) coordinates of any reference system -> (n, 2) px of a photograph for which `world_of` knows a way, NaN
-    beyond its reach.
+def from_world(geo: Georeference, size: tuple[int, int], crs: str, points: Array) -> Array:
+    """(n, 2) coordinates of any reference system -> (n, 2) px of a photograph of `size` (width, height) px for which
+    `world_of` knows a way, NaN beyond its reach.
 
     x or longitude comes first. By the photograph's own system, or else by its RPCs, at their mean height. `crs` is one
     that `check_crs` has passed.
     """
     if geo.crs is not None and geo.transform is not None:
-        return geo.to_image(between(crs, geo.crs, points))
+        return _to_image(geo.crs, geo, size, between(crs, geo.crs, points))
     return RpcGeolocator(_rpc_of(geo)).from_lon_lat(between(crs, WGS84, points))
 
 
@@ -235,13 +237,24 @@ def _warped(source: "CRS | str", target: "CRS | str", points: Array) -> Array:
     return _finite(out)
 
 
+def _to_image(crs: "CRS | str", geo: Georeference, size: tuple[int, int], points: Array) -> Array:
+    """(n, 2) coordinates of a photograph's own reference system -> (n, 2) px. Longitudes may be whole turns away."""
+    from rasterio.crs import CRS
+
+    if CRS.from_user_input(crs).is_geographic:
+        lon = geo.to_world(np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size)[:, 0]  # of the corners
+        half = np.ptp(lon) / 2
+        points = _wrapped(points, lon.min() + half, max(180.0, half) + 1e-9)  # a border may be rounded
+    return geo.to_image(points)
+
+
 def _finite(points: Array) -> Array:
     """The points, NaN where x or y is not finite."""
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
 
 
-def _wrapped(degrees: Array, center: float) -> Array:
-    """Longitudes moved by whole turns to within 180 degrees of `center`."""
+def _wrapped(degrees: Array, center: float, reach: float = 180.0) -> Array:
+    """Longitudes that are more than `reach` degrees from `center`, moved by whole turns to within 180 degrees of it."""
     lon = degrees[:, 0]
-    turns = np.where(np.abs(lon - center) > 180, np.floor((lon - center + 180) / 360), 0)
+    turns = np.where(np.abs(lon - center) > reach, np.floor((lon - center + 180) / 360), 0)
     return np.column_stack([lon - 360 * turns, degrees[:, 1]])

@@ -23,6 +23,7 @@ from zpm2.local_match.unmatched import with_reasons
 from zpm2.model import THIN, ImagePolygons, PointMatches, PolygonArrays, thin
 from zpm2.model.messages import Note, about, split
 from zpm2.photos.checks import MIN_SIDE
+from zpm2.photos.gdal import page_and_file
 from zpm2.photos.source import Source, reduced
 from zpm2.pipeline import PairMatcher, plugin_code
 from zpm2.result import MatchResult
@@ -119,8 +120,9 @@ class TiledRun:
         self, workers: TileWorkers, config: Config, given: bool, cache: TileCache
     ) -> Callable[[Sequence[TilePart]], None]:
         """Has tiles made by workers. `ConfigError` where those cannot see the photographs, or the folder of tiles."""
-        paths = [source.path for source in self.sources]
-        files = [os.path.abspath(path) for path in paths if path is not None and os.path.exists(path)]
+        paths = [source.path for source in self.sources if not source.pixels_given]
+        names = [page_and_file(path) for path in paths if path is not None]
+        files = [page + os.path.abspath(file) for page, file in names]
         if len(files) < 2 or cache.folder is None:
             raise ConfigError("workers need photographs that are files, and a folder for finished tiles (`kept`)")
         order = TileOrder((files[0], files[1]), config, given, os.path.abspath(cache.folder))

@@ -163,7 +163,7 @@ class TileMatcher:
         if not all(self._has_data(image) and min(image.width, image.height) >= MIN_SIDE for image in images):
             return self._separate(level, both, views)
         matcher = self._tile if level else self._whole
-        if any(thin(image.width, image.height) for image in images):
+        if (both[0] and self._narrow(both[0])) or any(thin(image.width, image.height) for image in images):
             matcher = self._points_only
         return tile_of_pair(level, both, views, matcher(*images))
 
@@ -188,11 +188,20 @@ class TileMatcher:
         return reduced_size(window, self._reduction(window))
 
     def _reduction(self, window: Window) -> float:
-        """px of the photograph per px of the view, which is as long as a tile. A thin window is searched for points
+        """px of the photograph per px of the view, which is as long as a tile. A narrow window is searched for points
         only: its view has as many px as an overview."""
-        if thin(window[2] - window[0], window[3] - window[1]):
+        if self._narrow(window):
             return max(1.0, math.sqrt(windows.area(window)) / self.config.tiles.overview)
+        return self._to_tile(window)
+
+    def _to_tile(self, window: Window) -> float:
+        """px of the photograph per px of a view that is as long as a tile."""
         return max(1.0, windows.side(window) / self.config.tiles.size)
+
+    def _narrow(self, window: Window) -> bool:
+        """Whether a window is thin, or too thin to be seen in a view that is as long as a tile."""
+        sides = window[2] - window[0], window[3] - window[1]
+        return thin(*sides) or min(reduced_size(window, self._to_tile(window))) < MIN_SIDE
 
     def _has_data(self, image: Image) -> bool:
         return image.valid is None or bool(image.valid.mean() > self.config.tiles.min_data)

@@ -94,6 +94,16 @@ def test_longitude_comes_first_whatever_the_name(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize(("west", "turn"), [(179.9995, -360), (190, -360), (-170, 360)])
+def test_longitudes_may_be_whole_turns_away(tmp_path: Path, west: float, turn: float) -> None:
+    photo = Photo(geo=Georeference("EPSG:4326", np.array([[1e-5, 0, west], [0, -1e-5, 10]])))
+    turns = np.array([turn, 0])
+    for k, crs in enumerate((None, "EPSG:4326")):
+        data = collection(crs=crs) if crs else collection()
+        path = write(tmp_path / f"{k}.geojson", moved(data, lambda px: photo.geo.to_world(px) + turns))
+        assert shape_of(open_regions(path).read(photo).regions[0]).bounds == pytest.approx((2.5, 2, 20, 20.25))
+
+
 @pytest.mark.parametrize(
     "name", ["EPSG:999999", "urn:ogc:def:crs:NONE::1", "/etc/passwd", "http://example.org/x", "PROJCS[", "ESRI:1"]
 )

@@ -35,7 +35,8 @@ def to_pixels(bodies: Sequence[Parts], crs: str, photograph: Photograph) -> tupl
     Edges stay straight between their vertices.
     """
     rings = [ring for parts in bodies for part in parts for ring in part]
-    points = from_world(photograph.geo, crs, np.concatenate([np.zeros((0, 2)), *rings]))
+    size = photograph.width, photograph.height
+    points = from_world(photograph.geo, size, crs, np.concatenate([np.zeros((0, 2)), *rings]))
     placed = iter(np.split(points, np.cumsum([len(ring) for ring in rings])))
     found, lost = list[Parts](), 0
     for parts in bodies:
@@ -54,7 +55,7 @@ def as_degrees(bodies: Sequence[Parts], photograph: Photograph) -> bool:
     points = np.concatenate([np.zeros((0, 2)), *(ring for parts in bodies for part in parts for ring in part)])
     if not len(points) or not (np.abs(points) <= (360, 90)).all():
         return False
-    x, y = from_world(photograph.geo, WGS84, points).T
+    x, y = from_world(photograph.geo, (photograph.width, photograph.height), WGS84, points).T
     return bool(((x >= 0) & (x <= photograph.width) & (y >= 0) & (y <= photograph.height)).any())
 
 
