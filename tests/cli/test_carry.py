@@ -98,6 +98,9 @@ def test_misuse_is_one_line(demo, tmp_path, monkeypatch, capsys):
     assert "does not exist" in capsys.readouterr().err
     assert carry(monkeypatch, *words, demo / "left.png") == 2  # a photograph is no label image
     assert len(capsys.readouterr().err.splitlines()) == 1
+    (tmp_path / "far.txt").write_text("0 1.2 1.2 1.4 1.2 1.4 1.4")  # YOLO's shares: beside the photograph
+    assert carry(monkeypatch, *words, tmp_path / "far.txt", "--rigid", "--quiet") == 2
+    assert "far.txt has no region with an area in the 400 x 300 px left photograph" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

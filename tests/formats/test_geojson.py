@@ -81,7 +81,8 @@ def test_a_file_that_cannot_be_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"), [(7, 7), ("7", 7), (-1, None), (True, None), ("x7", None), (1.5, None), (None, None)]
+    ("given", "expected"),
+    [(7, 7), ("7", 7), (-1, None), (True, None), ("x7", None), (1.5, None), (None, None), ("9" * 5000, None)],
 )
 def test_ids(given, expected):
     data = {"type": "FeatureCollection", "features": [{"type": "Feature", "id": given, "geometry": None}]}

@@ -54,6 +54,21 @@ def test_any_reference_system(town, name):
     assert (dx, dy) == pytest.approx((6.0, -4.0), abs=0.3)
 
 
+def test_layers_across_the_antimeridian(town, tmp_path):
+    write(tmp_path / "before.geojson", houses(COUNT), WGS84)
+    for name, file in (("before", tmp_path / "before.geojson"), ("after", town / "after_degrees.geojson")):
+        collection = json.loads(file.read_text())
+        for feature in collection["features"]:
+            ring = np.array(feature["geometry"]["coordinates"][0])
+            ring[:, 0] += 164.9989  # the houses' middle to 180 degrees
+            feature["geometry"]["coordinates"] = [(ring - (360 * (ring > 180))).tolist()]
+        (tmp_path / f"{name}.geojson").write_text(json.dumps(collection))
+    result = zpm2.link(tmp_path / "before.geojson", tmp_path / "after.geojson")
+    assert len(result.links) >= COUNT - 1
+    assert all(right == f"way/{left}" for left, right in result.ids())
+    assert float(result.frame.split("lon_0=")[1].split()[0]) == pytest.approx(180, abs=0.01)
+
+
 def test_the_files(town, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
     assert link(monkeypatch, town / "before.geojson", town / "after.geojson", "-o", out) == 0

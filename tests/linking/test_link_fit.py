@@ -85,6 +85,18 @@ def test_layers_far_apart_and_of_a_single_house_fail():
     assert isinstance(first_fit(shapes(left[:1]), shapes(left[:1]), CONFIG), Failed)
 
 
+@pytest.mark.parametrize("count", [30, 250])
+@pytest.mark.parametrize("growth", [0.0, 0.002])
+def test_a_stack_of_polygons_is_one_place(count, growth):
+    """Cadastres hold some outlines several times, at times more often than `seed_polygons`."""
+    left = houses(60)
+    center, scales = left[7].mean(0), 1 + growth * np.arange(count)[:, None, None]
+    left = np.concatenate([left, center + scales * (left[7] - center)])
+    right = left + np.array([6.0, -6.0])
+    fit = first_fit(shapes(left), shapes(right), CONFIG)
+    assert fit.places == pytest.approx(right.mean(1), abs=0.01)
+
+
 def test_a_table_of_votes_that_does_not_fit_into_memory_is_refused():
     left = shapes(houses(20))
     with memory.within("1MB"), pytest.raises(InputError, match=r"larger link\.tolerance"):

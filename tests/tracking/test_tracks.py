@@ -151,7 +151,8 @@ def test_label_images_and_coco_have_the_ids_of_the_tracks(
         (track.id, row) for track in found.tracks for row in track.seen
     }
     side = ImagePolygons(*wall.SIZE, [], str(photographs[1]))
-    assert len(open_regions(out / "coco.json").read(side).regions) == len(found.polygons(1))
+    regions = open_regions(out / "coco.json").read(side).regions
+    assert {(region.id, region.label) for region in regions} == {(each.id, "region") for each in found.polygons(1)}
 
 
 def test_a_second_run_replaces_its_own_files_only(found: TracksResult, tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def _points_inside(arrays: PolygonArrays, points: PointMatches) -> list[NDArray[
     shapely.prepare(arrays.shapes)
     polygon, point = shapely.STRtree(shapely.points(points.left)).query(arrays.shapes, predicate="contains")
     order = np.lexsort((point, polygon))
-    return np.split(point[order], np.searchsorted(polygon[order], np.arange(1, len(arrays))))
+    return np.split(point[order], np.searchsorted(polygon[order], np.arange(len(arrays))))[1:]
 
 
 def _errors(matrix: Array, points: PointMatches) -> Array:

@@ -57,6 +57,11 @@ def carry(
         shapes = [shape_of(region) for region in given]
         box = shapely.box(0, 0, left.width, left.height)
         usable = [k for k, shape in enumerate(shapes) if shape is not None and shape.intersects(box)]
+        if not usable:
+            raise InputError(
+                f"{'the list' if file is None else file.path} has no region with an area in the {left.width} x "
+                f"{left.height} px left photograph: check that its coordinates are pixels of this photograph"
+            )
     with timer("load"):
         points = finder()
         own = None if rigid else segmenter()

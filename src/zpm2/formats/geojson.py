@@ -16,6 +16,7 @@ from zpm2.model import Counterpart, Polygon
 
 FRAME = "image px, origin at the outer corner of the top-left pixel, x right, y down, pixel centres at +0.5"
 ID_NAMES = ("id", "fid", "objectid")  # properties in which programs write an id, in upper or lower case
+LONGEST_ID = 4300  # digits, of a whole number that Python reads; a longer id stays text
 HIGHEST_SCORE = 1.1  # SAM predicts an IoU slightly above 1 at times
 MAX_COORDINATE = 1e9  # px, no image has a pixel at a larger coordinate
 
@@ -140,7 +141,7 @@ def score(value: object, name: str) -> float:
 
 def region_id(value: object) -> int | None:
     """A whole number that is not negative, also where a program wrote it as text or as 12.0; else None."""
-    if isinstance(value, str) and value.isdecimal():
+    if isinstance(value, str) and value.isdecimal() and len(value) <= LONGEST_ID:
         return int(value)
     if isinstance(value, float) and value.is_integer():
         value = int(value)

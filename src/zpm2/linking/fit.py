@@ -1,6 +1,6 @@
 """The similarity between two layers from all of their polygons, and the slow local variation that is left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,8 @@ class Fit:
 
 def first_fit(left: Shapes, right: Shapes, config: LinkConfig) -> Fit | Failed:
     """The fit from the first vote that counts and holds for all polygons; `Failed` with the reason of the best vote
-    where there is none."""
+    where there is none. Of polygons around one centre, only the largest counts."""
+    (left, which), (right, _) = left.distinct(), right.distinct()
     best, reason = (
         0.0,
         f"no polygons of about one area lie within {config.max_reach:g} m of each other in the two layers",
@@ -44,8 +45,8 @@ def first_fit(left: Shapes, right: Shapes, config: LinkConfig) -> Fit | Failed:
         doubt = vote.doubt(config)
         if doubt is None:
             found = fit(left, right, vote, config)
-            if found:
-                return found
+            if not isinstance(found, Failed):
+                return replace(found, places=found.places[which])
             doubt = str(found)
         if vote.votes / vote.polygons > best:
             best, reason = vote.votes / vote.polygons, doubt
@@ -69,7 +70,7 @@ def fit(left: Shapes, right: Shapes, vote: Vote, config: LinkConfig) -> Fit | Fa
             )
         if radius >= away.max():
             break
-        radius *= GROWTH
+        radius = max(GROWTH * radius, config.tolerance)
     places = similarity(left.centers)
     i, j = nearest_pairs(places, right.centers, config.max_distance)
     sigma = _sigma(right.centers[j] - places[i], config)

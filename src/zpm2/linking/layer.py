@@ -75,6 +75,15 @@ class Shapes:
         centers = shapely.get_coordinates(shapely.centroid(shapes)).reshape(-1, 2)
         return Shapes(rows, shapes, centers, np.asarray(shapely.area(shapes), np.float64))
 
+    def distinct(self) -> tuple["Shapes", NDArray[np.int64]]:
+        """The largest polygon around each centre (to 1 mm), and (n,) which of them has the centre of each polygon."""
+        order = np.argsort(-self.areas, kind="stable")
+        _, first, same = np.unique(self.centers[order].round(3), axis=0, return_index=True, return_inverse=True)
+        largest = np.zeros(len(self), np.int64)
+        largest[order] = order[first][same.reshape(-1)]
+        rows, which = np.unique(largest, return_inverse=True)
+        return Shapes(self.rows[rows], self.shapes[rows], self.centers[rows], self.areas[rows]), which
+
 
 def open_layer(path: str | Path) -> Layer:
     """The polygons of a GeoPackage, a shapefile or a GeoJSON.
@@ -103,9 +112,15 @@ def open_layer(path: str | Path) -> Layer:
 
 def local_frame(layer: Layer) -> str:
     """A reference system in metres around the middle of a layer, as PROJ has it: azimuthal equidistant."""
-    assert layer.ground.geo.crs is not None
-    x0, y0, x1, y1 = shapely.total_bounds(as_objects(layer.outlines))
-    ((longitude, latitude),) = between(layer.ground.geo.crs, WGS84, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]]))
+    crs, outlines = layer.ground.geo.crs, as_objects(layer.outlines)
+    assert crs is not None
+    x0, y0, x1, y1 = shapely.total_bounds(outlines)
+    across = np.array([[x, (y0 + y1) / 2] for x in (x0, (x0 + x1) / 2, x1)])
+    (west, _), (longitude, latitude), (east, _) = between(crs, WGS84, across)
+    if east - west > 180:  # perhaps it lies on both sides of the antimeridian
+        turned = between(crs, WGS84, shapely.get_coordinates(outlines))[:, 0] % 360
+        if np.ptp(turned) < east - west:
+            longitude = (turned.min() + turned.max()) / 2
     if not np.isfinite([longitude, latitude]).all():
         raise InputError(f"{layer.file.path} lies outside of its reference system: assign the one it is in")
     return f"+proj=aeqd +lat_0={latitude:.6f} +lon_0={longitude:.6f} +datum=WGS84 +units=m +no_defs"

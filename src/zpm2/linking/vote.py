@@ -40,15 +40,15 @@ class Vote:
 
     def doubt(self, config: LinkConfig) -> str | None:
         """Why the vote does not count; None where it does."""
-        of = f"{self.polygons} polygons around one place"
+        of = f"votes of {self.polygons} polygons around one place"
         if self.chance > config.chance:
             return (
                 "no shift and turn lays enough polygons of one layer on those of the other: "
-                f"at best {self.votes} of {of}, which chance may do"
+                f"at best {self.votes} {of}, which chance may do"
             )
         if self.second > config.max_second * self.votes:
             return (
-                f"different shifts or turns fit about equally well ({self.votes} and {self.second} of {of}): the "
+                f"different shifts or turns fit about equally well ({self.votes} and {self.second} {of}): the "
                 "polygons repeat, or the layers show different things"
             )
         return None

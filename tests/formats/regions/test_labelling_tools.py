@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from region_samples import BITS, CVAT, HEIGHT, SAMPLES, WIDTH, Photo, box
 
 from zpm2.errors import InputError
-from zpm2.formats.regions.outlines import one_ring, pixels_of, shape_of
+from zpm2.formats.regions.outlines import _edge_of, one_ring, pixels_of, rings_of, shape_of
 from zpm2.formats.regions.region import CarriedRegion, GivenRegions
 from zpm2.formats.regions.registry import open_regions, write_regions
 from zpm2.formats.regions.yolo import _names_in_yaml
 from zpm2.model import Mask
+from zpm2.polygons.trace import trace
 
 PHOTO = Photo()
 BY_NAME = {sample.name: sample for sample in SAMPLES}
@@ -302,6 +303,23 @@ def test_one_ring_is_the_shape(cells: list[tuple[int, int, bool]]) -> None:
     assert (one.x0, one.y0) == (other.x0, other.y0)
     assert np.array_equal(one.bits, other.bits)
     assert shapely.make_valid(ring).symmetric_difference(shape).area < 1e-9
+
+
+@pytest.mark.parametrize("turn", [0, 0.3])
+def test_one_ring_goes_to_the_nearest_ring_of_all(turn: float) -> None:
+    bits = np.ones((42, 42), bool)
+    bits[2:-2:4, 2:-2:4] = False
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    shape = shapely.transform(trace(bits)[0], lambda points: points @ matrix.T)
+    merged, *others = rings_of(shapely.geometry.polygon.orient(shape))
+    while others:
+        line = shapely.linestrings(merged)
+        ring = others.pop(int(np.argmin([shapely.distance(line, shapely.linestrings(ring)) for ring in others])))
+        here, there = shapely.get_coordinates(shapely.shortest_line(line, shapely.linestrings(ring)))
+        edge, last = _edge_of(merged, here), _edge_of(ring, there)
+        added = [[here, there], ring[last + 1 :], ring[1 : last + 1], [there, here]]
+        merged = np.concatenate([merged[: edge + 1], *added, merged[edge + 1 :]])
+    assert np.array_equal(one_ring(shape), merged[:-1][(merged[:-1] != merged[1:]).any(1)])
 
 
 # --- COCO

@@ -12,6 +12,8 @@ from zpm2.config import VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
 from zpm2.formats.regions.annotations import decode
+from zpm2.formats.regions.outlines import shape_of
+from zpm2.formats.regions.registry import open_regions
 from zpm2.formats.run_lengths import decompressed
 from zpm2.model import Image, Mask
 from zpm2.polygons.nest import with_parents
@@ -259,6 +261,33 @@ def test_crossing_rings_are_repaired(tmp_path):
     assert [(p.id, p.area) for p in found] == [(3, 100), (4, 100)]
     assert all(p.shape.is_valid for p in found)
     assert segmenter.notes == ["1 region with crossing rings repaired"]
+
+
+def test_a_hole_on_the_outline_stays_a_hole(tmp_path):
+    data = features(feature(box(0, 0, 30, 30), [[0, 5], [0, 15], [10, 15], [10, 5]], id=3))
+    segmenter = source(write(tmp_path / "a.json", data))
+    (polygon,) = segmenter.polygons(IMAGE)
+    assert polygon.area == segmenter.segment(IMAGE)[0].area == 800
+    assert shape_of(open_regions(tmp_path / "a.json").read(IMAGE).regions[0]).area == 800
+
+
+def test_rings_of_one_point_are_no_rings(tmp_path):
+    point = [[5, 5]] * 4
+    data = features(feature(box(0, 0, 10, 10), point), feature(point), feature([[1, 1], [1, 1], [9, 9], [9, 9]]))
+    segmenter = source(write(tmp_path / "a.json", data))
+    assert [p.area for p in segmenter.polygons(IMAGE)] == [100]
+    assert segmenter.notes == ["2 regions with fewer than 3 vertices left out"]
+
+
+def test_a_region_of_several_parts_is_reported_once(tmp_path):
+    bow_ties = [[[[x, 0], [x + 20, 20], [x + 20, 0], [x, 20], [x, 0]]] for x in (0, 30)]
+    multi = {"type": "MultiPolygon", "coordinates": [*bow_ties, *([box(100, y, 120, y + 9)] for y in (0, 20))]}
+    segmenter = source(write(tmp_path / "a.json", features({"geometry": multi})))
+    assert len(segmenter.polygons(IMAGE)) == 4
+    assert segmenter.notes == [
+        "1 region with crossing rings repaired",
+        "1 region reaching out of the image cut at its border",
+    ]
 
 
 def test_what_has_no_area_is_left_out_and_that_is_said(tmp_path):

@@ -62,7 +62,11 @@ class Annotations:
             annotation, name = data["annotations"][k], f"annotation {k} of {path}"
             if annotation.get("segmentation") is not None:
                 body = _segmentation(annotation["segmentation"], name, photograph)
-                region = _our_region(body, annotation, name) if ours else _region(body, annotation, names, name)
+                if ours and "polygon_id" in annotation:
+                    region = _our_region(body, annotation, name)
+                else:
+                    number = annotation.get("track_id" if ours and "track_id" in annotation else "id")
+                    region = _region(body, annotation, number, names, name)
                 found.append(replace(region, row=k))
         for n, what in (
             (strays, "of no image that the file lists"),
@@ -130,13 +134,13 @@ def objects(values: object) -> Iterator[Members]:
 
 
 def _region(
-    body: Mask | tuple[geojson.Rings, ...], annotation: Members, names: dict[str, str], name: str
+    body: Mask | tuple[geojson.Rings, ...], annotation: Members, number: object, names: dict[str, str], name: str
 ) -> GivenRegion:
     scored = "score" if annotation.get("score") is not None else "predicted_iou"
     return GivenRegion(
         body,
-        geojson.region_id(annotation.get("id")),
-        geojson.id_text(annotation.get("id")),
+        geojson.region_id(number),
+        geojson.id_text(number),
         geojson.score(annotation.get(scored), name),
         names.get(str(annotation.get("category_id"))),
         plain({key: value for key, value in annotation.items() if key not in TAKEN | {scored}}),

@@ -8,6 +8,7 @@ from zpm2.formats.regions.region import GivenRegion, Photograph, Shape
 from zpm2.model import Mask
 from zpm2.polygons.rasterize import rasterize
 from zpm2.polygons.repair import polygons_in
+from zpm2.polygons.shapes import as_objects
 from zpm2.polygons.trace import trace
 
 Array = NDArray[np.float64]
@@ -25,9 +26,23 @@ def shape_of(region: GivenRegion) -> Shape | None:
     for rings in region.body:
         if rings and len(rings[0]) >= 3:
             shape = shapely.Polygon(rings[0], [ring for ring in rings[1:] if len(ring) >= 3])
-            found += polygons_in(shape if shape.is_valid else shapely.make_valid(shape))
+            found += polygons_in(shape if shape.is_valid else repaired(shape))
     together = joined(found)
     return together if together is None or together.is_valid else joined(polygons_in(shapely.unary_union(found)))
+
+
+def repaired(shape: shapely.Polygon) -> Shape:
+    """What the rings of an invalid polygon enclose by the even-odd rule.
+
+    Each ring is repaired alone: `make_valid` of all of them fills a hole that shares an edge with another ring.
+    """
+    valid = [shapely.make_valid(shapely.Polygon(ring)) for ring in shapely.get_rings(shape)]
+    parts = as_objects([shapely.MultiPolygon(polygons_in(each)) for each in valid])
+    while len(parts) > 1:  # by twos, as one by one takes long for many holes
+        half = len(parts) // 2
+        pairs = shapely.symmetric_difference(parts[:half], parts[half : 2 * half])
+        parts = np.concatenate([pairs, parts[2 * half :]])
+    return shapely.MultiPolygon(polygons_in(parts[0]))
 
 
 def joined(parts: list[shapely.Polygon]) -> Shape | None:
@@ -52,14 +67,20 @@ def one_ring(shape: Shape) -> Array:
     line is the shortest one to the nearest ring, so it crosses none.
     """
     merged, *others = [ring for part in parts_of(shape) for ring in rings_of(shapely.geometry.polygon.orient(part))]
+    lines = as_objects([shapely.linestrings(ring) for ring in others])
+    away = shapely.distance(shapely.linestrings(merged), lines)
     while others:
-        line = shapely.linestrings(merged)
-        nearest = int(np.argmin([shapely.distance(line, shapely.linestrings(ring)) for ring in others]))
-        ring = others.pop(nearest)
-        here, there = shapely.get_coordinates(shapely.shortest_line(line, shapely.linestrings(ring)))
+        nearest = int(np.argmin(away))
+        ring, line = others.pop(nearest), lines[nearest]
+        here, there = shapely.get_coordinates(shapely.shortest_line(shapely.linestrings(merged), line))
         edge, last = _edge_of(merged, here), _edge_of(ring, there)
-        around = [there[None], ring[last + 1 :], ring[1 : last + 1], there[None]]
-        merged = np.concatenate([merged[: edge + 1], here[None], *around, here[None], merged[edge + 1 :]])
+        added = np.concatenate([[here, there], ring[last + 1 :], ring[1 : last + 1], [there, here]])
+        split = shapely.linestrings(merged[edge : edge + 2])
+        merged = np.concatenate([merged[: edge + 1], added, merged[edge + 1 :]])
+        lines, away = np.delete(lines, nearest), np.delete(away, nearest)
+        near = shapely.distance(split, lines) <= away  # whose distance rounds anew
+        away = np.minimum(away, shapely.distance(shapely.linestrings(added), lines))
+        away[near] = shapely.distance(shapely.linestrings(merged), lines[near])
     return merged[:-1][(merged[:-1] != merged[1:]).any(1)]
 
 

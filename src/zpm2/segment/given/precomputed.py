@@ -4,12 +4,15 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from zpm2.config import SegmentConfig, VectorizeConfig
 from zpm2.errors import InputError
 from zpm2.formats import geojson
-from zpm2.formats.regions.region import GivenRegion, counted, split_layer
+from zpm2.formats.regions.outlines import repaired
+from zpm2.formats.regions.region import GivenRegion, Shape, counted, split_layer
 from zpm2.formats.regions.registry import open_regions
 from zpm2.model import Image, Mask, Polygon
 from zpm2.polygons.nest import with_parents
@@ -126,25 +129,35 @@ def _named(polygon: Polygon, id: int, region: GivenRegion) -> Polygon:
 
 
 def _valid(parts: tuple[geojson.Rings, ...], box: shapely.Polygon, counts: Counter[str]) -> list[shapely.Polygon]:
-    """The polygons of a region, repaired and cut at the image's `box`, the largest first; `counts` says what was done.
+    """The polygons of a region, repaired and cut at the image's `box`, the largest first; `counts` says what was done,
+    once for all parts.
 
     What is valid and inside keeps its vertices, but for repeated ones.
     """
     if not parts:
         counts["that are no polygons left out"] += 1
-    found: list[shapely.Polygon] = []
-    for rings in parts:
+    told, found, covered = list[str](), list[shapely.Polygon](), True
+    for part in parts:
+        rings = [_without_repeats(ring) for ring in part]
         if not rings or len(rings[0]) < 3:
-            counts["with fewer than 3 vertices left out"] += 1
+            told.append("with fewer than 3 vertices left out")
             continue
-        shape = shapely.remove_repeated_points(shapely.Polygon(rings[0], [r for r in rings[1:] if len(r) > 2]))
+        shape: Shape = shapely.Polygon(rings[0], [ring for ring in rings[1:] if len(ring) >= 3])
         if not shape.is_valid:
-            counts["with crossing rings repaired"] += 1
-            shape = shapely.make_valid(shape)
-            counts["without any area left out"] += shape.area == 0
+            told.append("with crossing rings repaired")
+            shape = repaired(shape)
+            if shape.is_empty:
+                told.append("without any area left out")
+                continue
         if not box.covers(shape):
-            shape = shape.intersection(box)
-            away = shape.area == 0
-            counts["outside of the image left out" if away else "reaching out of the image cut at its border"] += 1
+            shape, covered = shape.intersection(box), False
         found += polygons_in(shape)
+    if not covered:
+        told.append("reaching out of the image cut at its border" if found else "outside of the image left out")
+    counts.update(dict.fromkeys(told, 1))
     return sorted(found, key=lambda shape: -shape.area)
+
+
+def _without_repeats(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A ring (n, 2) without vertices that equal the next one."""
+    return ring[(ring != np.concatenate([ring[1:], ring[:1]])).any(1)]
