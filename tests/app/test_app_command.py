@@ -67,6 +67,8 @@ def test_ctrl_c_ends_it_quietly_and_leaves_nothing(tmp_path: Path) -> None:
         (["a.png", "b.png"], "left image a.png does not exist"),
         (["a", "b", "c"], "two photographs or one folder, not 3 paths"),
         (["--max-upload", "much"], "is not a size"),
+        (["--max-upload", "auto"], "--max-upload auto is not a size"),
+        (["--max-upload", "0"], "--max-upload 0 is not a size"),
         (["--host", "999.1.1.1"], "cannot listen on 999.1.1.1"),
         (["--port", "70000"], "--port"),
         (["--segmenter", "nothing"], "nothing"),

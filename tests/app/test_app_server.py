@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from squares import COLORS, PLACES, SIDE, photographs, quick, save, square
+from squares import COLORS, PLACES, SIDE, pair, photographs, quick, save, square
 
 pytest.importorskip("starlette", reason='needs pip install "zpm2[app]"')
 
 from asking import CLEARED, OWN, TOKEN, answer, asked, told
 
 from zpm2 import MatchResult
+from zpm2.app.export import region_of, result_of
 from zpm2.app.server import Server
 from zpm2.app.session import Session, made
 from zpm2.app.turns import Replaced, Turns
@@ -197,6 +198,9 @@ def test_what_is_no_request_is_one_line(server: Server) -> None:
         assert found.status == 400
         assert "\n" not in found.error
     assert told(app, "/api/export", number=number, regions=[{"label": 7}]).status == 400
+    region = {"accepted": True, "left": square(0), "right": square(0, 1)}
+    found = told(app, "/api/export", number=number, regions=[{**region, "label": "\ud800x"}], formats=[])
+    assert (found.status, "the label '\\ud800x' has a character" in found.error) == (400, True)
     assert told(app, "/api/export", number=number, regions=[], formats=["../../x"]).status == 400
     assert asked(app, "/nothing").error == "there is nothing at this address"
     assert asked(app, "/api/state", b"").status == 405
@@ -237,7 +241,7 @@ def test_an_opened_result_keeps_what_nobody_touched(tmp_path: Path) -> None:
         sides.append(ImagePolygons(320, 240, shown, str(file), unmatched={3: "no candidate"}))
     matches = [PolygonMatch(k, k, 0.5, 1.5, 3, "global", nodes=np.array([[0, 0]])) for k in range(3)]
     none = PointMatches.empty()
-    given = MatchResult(*sides, matches, none, np.eye(3), np.eye(3), quick().to_dict(), {})
+    given = MatchResult(*sides, matches, none, np.eye(3), np.eye(3), quick().to_dict(), {}, non_overlapping=True)
     given.save(tmp_path / "out")
     session = made(quick(), lambda text: None)
     session.open_result(tmp_path / "out")
@@ -264,6 +268,8 @@ def test_an_opened_result_keeps_what_nobody_touched(tmp_path: Path) -> None:
     assert found.left.unmatched == {3: "no candidate", 0: "rejected"}
     assert found.right.polygons[2].bounds[0] == PLACES[2][0] - 12 + 1
     assert found.left.polygons[2].label == "roof"
+    assert not found.non_overlapping
+    assert result_of(pair(), [region_of(regions[0])], given).non_overlapping
     with pytest.raises(InputError, match="no match 77"):
         session.export({**message, "regions": [{"match": 77, "accepted": True}]})
 

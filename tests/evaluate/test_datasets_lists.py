@@ -72,7 +72,9 @@ def test_a_gt_may_be_left_out_and_a_split_is_a_set(tmp_path):
     file(tmp_path / "pairs.json", json.dumps(entries))
     assert [(pair.name, pair.truth) for pair in listed("pairs", tmp_path)] == [("x", None), ("y", None), ("z", None)]
     assert [pair.name for pair in listed("pairs", tmp_path, "two")] == ["y"]
-    with pytest.raises(ConfigError, match=r"no set 'tow' \(did you mean 'two'\?\); sets are: one, two"):
+    file(tmp_path / "pairs.json", json.dumps([{"name": "n", "set": 2024, **pair}, *entries]))
+    assert [pair.name for pair in listed("pairs", tmp_path, "2024")] == ["n"]
+    with pytest.raises(ConfigError, match=r"no set 'tow' \(did you mean 'two'\?\); sets are: 2024, one, two"):
         listed("pairs", tmp_path, "tow")
 
 

@@ -61,6 +61,15 @@ def test_outside_of_the_image_there_are_no_pixels():
     assert cells.pixels[1] >= 100
 
 
+def test_a_polygon_may_reach_farther_than_memory():
+    far = 1e9
+    polygons = [
+        box(0, 10, 10, far, 30),
+        box(1, -far, -far, far, far, [np.array([[0, 0], [0, 60], [90, 60], [90, 0.0]])]),
+    ]
+    assert rasterize_labels(polygons, WIDTH, HEIGHT).pixels.tolist() == [80 * 20, 0]
+
+
 def test_points_beyond_the_border_count_to_the_pixel_next():
     cells = rasterize_labels([box(0, 80, 0, 90, 60)], WIDTH, HEIGHT)
     points = np.array([[90.0, 60.0], [85.5, 3.5], [-0.2, 4.0]])

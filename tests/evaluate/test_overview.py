@@ -13,6 +13,7 @@ from zpm2.api import Matcher
 from zpm2.config import assign, preset
 from zpm2.errors import InputError
 from zpm2.evaluate.overview import save_overview
+from zpm2.evaluate.report import write
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
 
 ROWS = "pair,status,F1,P,R,good,scored,seconds\ngood,ok,0.9,0.9,0.9,9,10,1\nbad <b>,ok,0.25,0.5,0.2,2,8,1\n"
@@ -53,6 +54,13 @@ def test_the_worst_come_first_and_have_reports(evaluation: Path) -> None:
     assert all(row["thumbnail"].startswith("data:image/webp") for row in found[1:])
     again = page.read_bytes()
     assert save_overview(evaluation, 2).read_bytes() == again
+
+
+def test_a_name_that_a_table_would_take_for_a_formula_keeps_its_scores(tmp_path: Path) -> None:
+    (tmp_path / "predictions" / "-1").mkdir(parents=True)
+    (tmp_path / "predictions" / "-1" / "failed.json").write_text(json.dumps({"reason": "no photograph"}))
+    write("title", [{"pair": "-1", "status": "ok", "error_R": 0.5}], tmp_path, "zpm2 eval")
+    assert rows(save_overview(tmp_path, 0))[0]["values"]["error_R"] == 0.5
 
 
 def test_nothing_below(tmp_path: Path) -> None:

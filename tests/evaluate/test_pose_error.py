@@ -42,6 +42,8 @@ def test_cameras_that_did_not_move_and_estimates_that_do_not_exist():
     assert pose_error(np.full((3, 3), np.nan), np.ones(3), moved) == failed
     assert pose_error(np.eye(3), np.array([np.nan, 0, 0]), moved) == failed
     assert pose_error(np.eye(3), np.zeros(3), moved) == failed
+    assert pose_error(turn(3), None, still) == (pytest.approx(3.0), 0.0)
+    assert pose_error(np.eye(3), None, moved) == failed
 
 
 def test_auc_by_hand():

@@ -240,6 +240,13 @@ def test_boxes_cover_more_than_they_match(pair: Pair, tmp_path):
     assert row["seconds"] is None
 
 
+def test_an_area_that_reaches_far_outside_is_cut_off_at_the_border(pair: Pair, tmp_path):
+    far = {"box": [-1e9, -1e9, 1e9, 1e9]}
+    folder = write(tmp_path / "theirs", areas(match(far, far)))
+    (row,) = Evaluation("pairs", dataset(pair, tmp_path / "data")).score_results("areas", folder, tmp_path / "out")
+    assert (row["status"], row["scored"], row["AOR"]) == ("ok", 1, 1.0)
+
+
 def test_misuse(pair: Pair, run: Run, tmp_path):
     root = dataset(pair, tmp_path / "data")
     words = ["eval", "pairs", "--root", root, "-o", tmp_path / "out", "--results"]

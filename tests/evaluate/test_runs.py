@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from blobs import box, result
 from remembered import remembered
 from rendered import Pair, Run
 
@@ -14,7 +15,8 @@ from zpm2.config import assign, preset
 from zpm2.errors import InputError
 from zpm2.evaluate import predictions, report
 from zpm2.evaluate.datasets import open_dataset
-from zpm2.evaluate.pairs import EvalPair
+from zpm2.evaluate.ground_truth import CoVisible, from_disparity
+from zpm2.evaluate.pairs import EvalPair, PoseTruth
 from zpm2.pipeline import PairMatcher
 from zpm2.result import MatchResult
 from zpm2.segment.given.precomputed import PrecomputedSegmenter
@@ -140,6 +142,24 @@ def test_no_name_is_a_formula_in_a_table(tmp_path: Path, name: str) -> None:
         first, second = csv.DictReader(file)
     assert first["pair"] == first["status"] == f"'{name}"
     assert (first["MAS"], first["good"], second["pair"]) == ("-0.5", "-1", "a=1-b")
+
+
+def test_coverage_is_a_ratio_only_where_something_is_true() -> None:
+    full = from_disparity(np.full((80, 120), 10.0), (120, 80))
+    here = (full.left[:, 0] < 40) | (full.left[:, 0] > 50)  # the centre of the polygon is not known
+    part = CoVisible(full.left[here], full.right[here])
+    found = result([box(0, 20, 20, 70, 60)], [box(0, 10, 20, 60, 60)], [(0, 0)], (120, 80))
+    rows = [{"status": "ok", "matches": 1, **report._dense(found, truth)} for truth in (full, part)]
+    assert [row["gt"] for row in rows] == [1, 1]
+    assert [row["ACR_paper"] for row in rows] == [1.0, None]
+    total = report.summary(rows)
+    assert (total["ACR"], total["ACR_paper"], total["R_paper"]) == (1.0, 1.0, 0.5)
+
+
+def test_cameras_that_only_turned_ask_for_no_translation() -> None:
+    truth = PoseTruth((np.eye(3), np.eye(3)), np.eye(4))
+    assert report._pose_errors((np.eye(3), None), truth) == (0.0, 0.0)
+    assert report._pose_errors(None, truth) == (float("inf"), float("inf"))
 
 
 def test_no_name_is_markup_in_a_table() -> None:

@@ -11,6 +11,7 @@ from zpm2.app.pair import Pair
 from zpm2.app.prompt import shape_from, share
 from zpm2.errors import InputError
 from zpm2.files.reading import WRONG
+from zpm2.formats.properties import plain
 from zpm2.formats.regions.outlines import parts_of
 from zpm2.formats.regions.region import Shape
 from zpm2.model import ImagePolygons, Polygon, PolygonMatch
@@ -44,6 +45,8 @@ def region_of(value: object) -> Region:
         match, label, points = value.get("match"), value.get("label"), value.get("points", 0)
         if not isinstance(match, int | None) or not isinstance(label, str | None) or not isinstance(points, int):
             raise TypeError("a region has a match, a label or points of a wrong type")
+        if label is not None and plain(label) != label:
+            raise ValueError(f"the label {label!r:.99} has a character that no file can hold: type it again")
         shapes = None
         if value.get("left") is not None:
             shapes = shape_from(value["left"]), shape_from(value["right"])
@@ -68,7 +71,7 @@ def result_of(pair: Pair, regions: Sequence[Region], opened: MatchResult | None)
 
     opened: the result that the regions were begun from. Its other polygons and matches stay as they are; those of a
     match that the person rejected have no partner any more. Of a region with several parts, the largest is a polygon of
-    the result; a note says of how many.
+    the result; a note says of how many. It is not `non_overlapping` any more where a region brings shapes of its own.
     """
     base = _empty(pair) if opened is None else opened
     left = {polygon.id: polygon for polygon in base.left.polygons}
@@ -108,6 +111,7 @@ def result_of(pair: Pair, regions: Sequence[Region], opened: MatchResult | None)
         right=replace(base.right, polygons=list(right.values()), unmatched=unmatched[1]),
         matches=sorted(matches.values(), key=lambda match: match.left),
         notes=notes,
+        non_overlapping=base.non_overlapping and not any(each.accepted and each.shapes for each in regions),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from zpm2.errors import InputError, Zpm2Error
 from zpm2.evaluate.predictions import PREDICTIONS
+from zpm2.evaluate.report import harmless
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.writing import atomic_write, claim
 from zpm2.formats.saving import DOCUMENT, REPORT
@@ -77,7 +78,7 @@ def _name(place: Path, top: Path, folder: Path) -> str:
 
 
 def _scores(file: Path) -> Mapping[str, Mapping[str, str]]:
-    """The rows of rows.csv by pair; `InputError` where it is damaged."""
+    """The rows of rows.csv by pair, as `harmless` writes it; `InputError` where it is damaged."""
     if not file.is_file():
         return {}
     try:
@@ -88,7 +89,7 @@ def _scores(file: Path) -> Mapping[str, Mapping[str, str]]:
 
 
 def _row(place: Path, name: str, scores: Mapping[str, Mapping[str, str]], folder: Path) -> Row:
-    score = scores.get(name, {})
+    score = scores.get(str(harmless(name)), {})
     values: dict[str, float | None] = {column.name: _number(score.get(column.name)) for column in SCORED}
     remark = ""
     try:

@@ -14,15 +14,16 @@ Array = NDArray[np.float64]
 AUC_DEGREES = (5.0, 10.0, 20.0)  # degrees
 
 
-def pose_error(rotation: Array, translation: Array, truth: Array) -> tuple[float, float]:
+def pose_error(rotation: Array, translation: Array | None, truth: Array) -> tuple[float, float]:
     """Degrees between an estimated and the true relative pose: of rotation (0..180), and of translation (0..90).
 
-    rotation: 3 x 3; translation: (3,), of any length; both from left to right camera, X_right = R X_left + t. truth:
-    3 x 4 or 4 x 4, [R t]. The sign of the translation does not count: an essential matrix leaves it open, and the
-    protocol takes min(angle, 180 - angle). Where the cameras did not move there is no direction to miss: 0. An estimate
-    that is not finite, or has no direction where there is one, is a failure: infinity for both.
+    rotation: 3 x 3; translation: (3,), of any length, None where there is none; both from left to right camera, X_right
+    = R X_left + t. truth: 3 x 4 or 4 x 4, [R t]. The sign of the translation does not count: an essential matrix leaves
+    it open, and the protocol takes min(angle, 180 - angle). Where the cameras did not move there is no direction to
+    miss: 0. An estimate that is not finite, or has no direction where there is one, is a failure: infinity for both.
     """
-    translation, baseline = np.ravel(translation), np.asarray(truth)[:3, 3]
+    translation = np.zeros(3) if translation is None else np.ravel(translation)
+    baseline = np.asarray(truth)[:3, 3]
     moved = bool(np.any(baseline))
     if not (np.isfinite(rotation).all() and np.isfinite(translation).all()) or (moved and not translation.any()):
         return float("inf"), float("inf")

@@ -14,7 +14,7 @@ import numpy as np
 from zpm2.config import Config
 from zpm2.errors import Failed, InputError
 from zpm2.evaluate import predictions
-from zpm2.evaluate.metrics import IOU_THRESHOLDS, score_centers, scores
+from zpm2.evaluate.metrics import IOU_THRESHOLDS, Scores, score_centers, scores
 from zpm2.evaluate.pairs import Array, EvalPair, PoseTruth, Truth
 from zpm2.evaluate.pose_error import pose_auc, pose_error
 from zpm2.evaluate.published import POSE
@@ -79,12 +79,17 @@ def _with_dense(values: Row, result: MatchResult, pair: EvalPair) -> Row:
 
 
 def _dense(result: MatchResult, truth: Truth) -> Row:
-    by_threshold = {s.iou: s.to_dict() for s in scores(result, truth)}
+    by_threshold = {s.iou: _known_ratios(s) for s in scores(result, truth)}
     middle = by_threshold[0.5]
     figures: Row = {name: middle[name] for name in (*COUNTS, *SHARES)}
     figures |= {f"MAS{round(100 * t)}": by_threshold[t]["MAS"] for t in IOU_THRESHOLDS}
-    centers = score_centers(result, truth).to_dict()
+    centers = _known_ratios(score_centers(result, truth))
     return figures | {f"{name}_paper": centers[name] for name in PAPER}
+
+
+def _known_ratios(found: Scores) -> dict[str, float | None]:
+    """The scores by name; no ACR where nothing is true, as it is a ratio to that."""
+    return found.to_dict() | ({} if found.gt else {"ACR": None})
 
 
 def _pose(result: MatchResult, predicted: predictions.PredictedPose | None, truth: PoseTruth) -> Row:
@@ -102,10 +107,8 @@ def _pose(result: MatchResult, predicted: predictions.PredictedPose | None, trut
 
 
 def _pose_errors(motion: tuple[Array, Array | None] | None, truth: PoseTruth) -> tuple[float, float]:
-    """Degrees of R and t; infinity where there is no pose, or no translation."""
-    if motion is None or motion[1] is None:
-        return float("inf"), float("inf")
-    return pose_error(motion[0], motion[1], truth.pose)
+    """Degrees of R and t; infinity where there is no pose, or no translation although the cameras moved."""
+    return (float("inf"), float("inf")) if motion is None else pose_error(*motion, truth.pose)
 
 
 def without_polygons(config: Config) -> Config:
@@ -208,7 +211,7 @@ def write(title: str, rows: Sequence[Row], out: Path, made_by: str, parquet: boo
     text = io.StringIO()
     writer = csv.DictWriter(text, columns)
     writer.writeheader()
-    writer.writerows({name: _harmless(value) for name, value in r.items()} for r in rows)
+    writer.writerows({name: harmless(value) for name, value in r.items()} for r in rows)
     atomic_write(out / "rows.csv", text.getvalue())
     atomic_write(out / "summary.json", json.dumps({"title": title, "made_by": made_by, **summary(rows)}, indent=1))
     atomic_write(out / "summary.md", markdown(title, rows, made_by, beside))
@@ -243,8 +246,8 @@ def _stages(rows: Sequence[Row]) -> list[str]:
 
 
 def _mean(rows: Sequence[Row], name: str) -> float | None:
-    """Over the rows that have it; ACR only where something is true, as it is a ratio to that."""
-    values = _numbers([r for r in rows if not name.startswith("ACR") or r["gt"]], name)
+    """Over the rows that have it."""
+    values = _numbers(rows, name)
     return float(np.mean(values)) if values else None
 
 
@@ -261,6 +264,6 @@ def _cell(value: Cell) -> str:
     return " ".join(str(value).split()).replace("|", "\\|").replace("<", "&lt;")
 
 
-def _harmless(value: Cell) -> Cell:
+def harmless(value: Cell) -> Cell:
     """A cell of a CSV file: a text, such as a name, that a spreadsheet would take for a formula begins with '."""
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

@@ -265,9 +265,12 @@ def test_large_photographs_are_sharp_where_their_files_are(shared: Browser, tmp_
     assert "report_files/ is not beside" in shared.run("document.getElementById('no-tiles').textContent")
 
 
-def test_a_narrow_screen(browser: Browser, page: Path) -> None:
+def test_a_narrow_screen(browser: Browser, page: Path, tmp_path: Path) -> None:
     browser.resize(600, 900)
     browser.open(page)
+    assert browser.run("document.documentElement.scrollWidth") <= 600
+    (tmp_path / "report.html").write_text(made(label="long" * 100).report(), encoding="utf-8")
+    browser.open(tmp_path / "report.html", "#select=m1")
     assert browser.run("document.documentElement.scrollWidth") <= 600
     browser.resize(1280, 800)
 

@@ -168,6 +168,13 @@ def test_filters_and_order(browser: Browser, page: Path) -> None:
     assert listed(browser) == "3 of 9 tracks shown"
 
 
+def test_a_narrow_screen_has_one_column(browser: Browser) -> None:
+    browser.resize(600, 900)
+    assert browser.run("getComputedStyle(document.querySelector('main')).gridTemplateColumns") == "600px"
+    assert browser.run("document.documentElement.scrollWidth") <= 600
+    browser.resize(1280, 800)
+
+
 def test_keys(browser: Browser) -> None:
     browser.press("j")
     assert browser.run("document.querySelector('.strip[aria-selected=true]').dataset.key") == "t3"

@@ -28,7 +28,7 @@ def from_json(root: Path, split: str | None) -> Iterator[EvalPair]:
         sets = list(dict.fromkeys(str(entry["set"]) for entry in entries if "set" in entry))
         if split not in sets:
             raise ConfigError(f"{path} has no set '{split}'{did_you_mean(split, sets)}; sets are: {', '.join(sets)}")
-        entries = [entry for entry in entries if entry.get("set") == split]
+        entries = [entry for entry in entries if "set" in entry and str(entry["set"]) == split]
     return found((_entry(root, entry, f"pair {k} of {path}") for k, entry in enumerate(entries)), f"pairs in {path}")
 
 
