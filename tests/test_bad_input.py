@@ -170,11 +170,11 @@ def test_output_in_a_place_that_takes_nothing(run: Run, pair: Pair) -> None:
     check_refused(run("match", pair.left, pair.right, "-o", "/proc/zpm2-out"), "/proc/zpm2-out")
 
 
-@pytest.mark.parametrize("whole", [0, 1, 3])
+@pytest.mark.parametrize("whole", [0, 1, 3, 8])
 def test_a_full_disk_leaves_whole_files_only(
     run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: int
 ) -> None:
-    """`whole` files find room."""
+    """`whole` files find room: all six are made first, and then take their places."""
     replace = os.replace
     done: list[str] = []
 
@@ -187,8 +187,9 @@ def test_a_full_disk_leaves_whole_files_only(
     monkeypatch.setattr(os, "replace", full)
     outcome = run("match", pair.left, pair.right, "-o", tmp_path, *pair.regions, "--quiet")
     check_refused(outcome, f"cannot write {tmp_path}", "the disk is full; free some space")
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*done, *([".zpm2"] if done else [])])
-    assert "matches.json" not in done
+    placed = done[6:]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*placed, *([".zpm2"] if placed else [])])
+    assert "matches.json" not in placed
 
 
 def test_an_earlier_result_survives_a_failed_write(
@@ -205,6 +206,24 @@ def test_an_earlier_result_survives_a_failed_write(
     check_refused(run(*common, "--seed", 7), "the disk is full")
     assert {p: p.read_bytes() for p in tmp_path.glob("*.*") if p.is_file()} == earlier
     assert len(earlier) == 6
+
+
+def test_a_result_that_was_replaced_in_part_has_no_document(
+    run: Run, pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    common = "match", pair.left, pair.right, "-o", tmp_path, *pair.regions
+    assert run(*common).code == 0
+    replace, done = os.replace, list[str]()
+
+    def full(source: str, target: str) -> None:
+        if len(done) == 8:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done.append(target)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    check_refused(run(*common, "--seed", 7), "the disk is full")
+    assert not (tmp_path / "matches.json").exists()
 
 
 def modes(rgb: Any) -> dict[str, PIL.Image.Image]:

@@ -225,3 +225,17 @@ def test_ctrl_c_before_anything_is_finished_leaves_nothing(
     code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "deep" / "out", *pair.regions)
     assert (code, "kept" in err) == (130, False)
     assert not (tmp_path / "deep").exists()
+
+
+def test_a_rerun_leaves_no_file_of_the_earlier_run(run: Run, pair: Pair, tmp_path: Path) -> None:
+    common = "match", pair.left, pair.right, "-o", tmp_path, *pair.regions
+    assert run(*common, "--format", "coco", "--format", "yolo", "--masks", "colmap").code == 0
+    mine = tmp_path / "masks" / "mine.txt", tmp_path / "left.yolo.txt"
+    for path in mine:
+        path.write_text("mine")
+    code, _, err = run(*common, "--no-report")
+    assert code == 0, err
+    left = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
+    ours = ["left.geojson", "matches.json", "overlay.png", "right.geojson", "unmatched.png"]
+    assert [name for name in left if not name.startswith(".")] == sorted([*ours, "left.yolo.txt", "masks/mine.txt"])
+    assert {path.read_text() for path in mine} == {"mine"}

@@ -36,6 +36,19 @@ def test_shards_of_a_list_on_the_command_line(tmp_path: Path, run: Run) -> None:
     assert [row["status"] for row in batch.read_index(tmp_path / "out")] == ["done", "done", "failed"]
 
 
+@pytest.mark.parametrize("more", ["-q", "--json"])
+def test_what_failed_is_always_told(tmp_path: Path, run: Run, more: str) -> None:
+    left = str(tmp_path / "a[/x]" / "bad.png")
+    list_file = batch.save_list([*listed(tmp_path, ["a"]), batch.Pair("b", left, str(tmp_path / "a.png"))], tmp_path)
+    words = ("batch", list_file, "-o", tmp_path / "out", *STUB)
+    reason = f"b: {left} cannot be read"
+    code, out, err = run(*words, more)
+    assert (code, err) == (1, f"warning: {reason}\n")
+    assert not out or json.loads(out)["failures"] == {"b": f"{left} cannot be read"}
+    assert reason in run(*words).err.splitlines()  # in one line, and as it is
+    assert run(*words, "--merge", more).err == f"warning: {reason}\n"
+
+
 def test_a_list_of_a_folder(tmp_path: Path, run: Run) -> None:
     for k in range(3):
         PIL.Image.new("RGB", (64, 48), (60 * k, 0, 0)).save(tmp_path / f"p{k}.png")
@@ -55,6 +68,11 @@ def test_a_list_of_a_folder(tmp_path: Path, run: Run) -> None:
         (("--command", "tracks", "--pairs", "a.txt"), "--pairs a.txt"),
         (("--command", "carry"), "needs --regions"),
         (("--command", "no_such:Class"), "cannot be loaded"),
+        (("--command", "match", "--rigid"), "--rigid is for --command carry: leave it out"),
+        (("--command", "match", "--K", "guess"), "--K is for --command pose: leave it out"),
+        (("--command", "carry", "--format", "coco"), "--format is for --command match or pose: leave it out"),
+        (("--pairs", "exhaustive"), "--pairs exhaustive is for a folder of photographs"),
+        (("--merge", "--shard", "1/2"), "--merge is of all shards: leave out --shard"),
     ],
 )
 def test_misuse_on_the_command_line(tmp_path: Path, run: Run, more: tuple[str, ...], said: str) -> None:

@@ -1,6 +1,7 @@
 """How the command line is assembled, and what a further command takes."""
 
 import ast
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -51,6 +52,16 @@ def test_a_command_is_a_file_and_a_line(toy: Callable[..., None], run: Run, monk
     assert run("toy", "nobody") == (2, "", "zpm2: nobody cannot be greeted: give a name\n")
     assert "Whom to greet." in run("toy", "--help").out
     assert [line.split()[0] for line in run("--help").out.partition("Commands:\n")[2].splitlines()][-1] == "toy"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/dev/full is a file of Linux")
+def test_output_that_cannot_be_printed_is_one_line() -> None:
+    for words in (["--version"], ["config", "list"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-m", "zpm2", *words], stdout=full, stderr=subprocess.PIPE, text=True
+            )
+        assert (done.returncode, done.stderr) == (2, "zpm2: cannot write: the disk is full; free some space\n")
 
 
 def test_each_command_has_a_file_of_its_name() -> None:

@@ -229,6 +229,8 @@ def test_a_mesh_in_another_frame(workspace: Path, rig: Rig, pair: Pair, run: Run
         (["left.png", "right.png", "--stereo", "--calib", "small.txt"], "is for an image of 200 x 120 px, left.png"),
         (["left.png", "right.png", "--stereo", "--disparity-scale", "0"], "number above 0"),
         (["left.png", "right.png", "--stereo", "--disparity-sign", "2"], "give 1, or -1"),
+        (["left.png", "right.png", "--stereo", "--disparity-sign", "1"], "--disparity-sign needs --disparity"),
+        (["ws", "--disparity-scale", "1"], "--disparity-scale needs --disparity"),
         (["left.png", "right.png", "--stereo", "--mesh", "m.ply"], "--mesh is for a workspace: leave out --stereo"),
         (["ws", "--baseline", "1"], "--baseline needs --stereo"),
         (["ws", "--spacing", "0"], "distance above 0"),

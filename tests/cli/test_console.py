@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from zpm2.cli.console import Interrupted, fresh_folder, lines
+from zpm2.cli.console import Interrupted, bars, fresh_folder, lines
 from zpm2.errors import ConfigError
 from zpm2.files.record import make_folder
 from zpm2.files.writing import atomic_write
@@ -46,6 +46,13 @@ def test_an_interrupt_says_what_stays_and_what_goes_on(tmp_path: Path) -> None:
     assert stopped(fresh_folder(out), making(out)) == made
     kept = f"interrupted; what is finished is kept in {out / 'pairs'}: run the same command again to go on"
     assert stopped(fresh_folder(out, names=["pairs"], kept="pairs"), making(out)) == kept
+
+
+def test_texts_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    text = f"run[raw][/x] 12 {'long ' * 40}:warning:"
+    with bars(False) as (_, say):
+        say(text)
+    assert capsys.readouterr().err == f"{text}\n"
 
 
 def test_other_ends_leave_no_empty_folder(tmp_path: Path) -> None:

@@ -42,6 +42,13 @@ def saved(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+def test_a_folder_is_printed_by_its_name(run: Run, pair: Pair, tmp_path: Path) -> None:
+    out = tmp_path / ("deep" * 20) / "run[raw][" / "x]"
+    code, text, err = run("match", pair.left, pair.right, "-o", out, *pair.regions, "--no-report")
+    assert code == 0, err
+    assert str(out) in text.replace(" ", "").replace("\n", "")
+
+
 def test_all_files(saved: Path) -> None:
     assert sorted(p.name for p in saved.iterdir()) == [".zpm2", *FILES]
     with PIL.Image.open(saved / "overlay.png") as picture:
@@ -479,6 +486,13 @@ def test_config_show_is_a_file_for_config(run: Run, tmp_path: Path, preset: str)
         file.write_text(run("config", "show", "--preset", preset, "--set", "segment.grid=7", *extra).out)
         expected = zpm2.config.assign(zpm2.preset(preset), ["segment.grid=7"])
         assert zpm2.config.load(file) == expected
+
+
+def test_config_show_is_toml_whatever_the_words(run: Run, tmp_path: Path) -> None:
+    odd = ['segment.options.größe="🙂\\ü\x7f', "segment.model=🙂", "raster.bands=-"]
+    words = [word for setting in odd for word in ("--set", setting)]
+    (tmp_path / "shown.toml").write_text(run("config", "show", *words).out, encoding="utf-8")
+    assert zpm2.config.load(tmp_path / "shown.toml") == zpm2.config.assign(zpm2.preset("default"), odd)
 
 
 def test_standard_error_is_not_a_terminal_here() -> None:

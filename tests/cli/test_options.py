@@ -82,6 +82,18 @@ def test_numbers_out_of_range(run: Run, words: tuple[str, ...], why: str) -> Non
     assert run(*words) == (2, "", f"zpm2: {why}\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("match", "a.png", "b.png", "--mask-regions", "keep"), "--mask-regions needs --masks"),
+        (("export", "x", "--to", "stac", "--matched"), "--matched is of --to colmap and hloc: leave it out"),
+        (("export", "x", "--to", "stac", "--images", "y"), "--images is of --to colmap and hloc: leave it out"),
+    ],
+)
+def test_options_that_do_not_apply(run: Run, words: tuple[str, ...], why: str) -> None:
+    assert run(*words) == (2, "", f"zpm2: {why}\n")
+
+
 @pytest.mark.parametrize("group", [(), ("config",), ("weights",)])
 def test_descriptions_of_commands_are_not_cut_off(run: Run, group: tuple[str, ...]) -> None:
     listed = run(*group, "--help").out.partition("Commands:")[2]

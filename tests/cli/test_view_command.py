@@ -68,6 +68,12 @@ def test_a_cloud(run: Run, tmp_path: Path, opened: list[str]) -> None:
     assert opened == [(tmp_path / "cloud.html").as_uri()]
 
 
+def test_other_files(run: Run, result: Path) -> None:
+    for name in ("left.geojson", "overlay.png"):
+        code, _, said = run("view", result / name, "--no-open")
+        assert (code, said) == (2, f"zpm2: {result / name} is not a file of a result: give its folder\n")
+
+
 def test_other_folders(run: Run, tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "nothing"):
         code, _, said = run("view", folder, "--no-open")

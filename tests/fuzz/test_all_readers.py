@@ -28,6 +28,7 @@ NOT_READ = {  # functions in which these names open what no user's file is, and 
     "export/colmap.py: write": "the photographs, which COLMAP reads in a temporary database of our own",
     "photos/shelf.py: get": "what this run itself wrote, in its own temporary folder",
     "view/report/assets.py: _text": "the package's own files",
+    "cli/app.py: main": "nothing, where the output is full: tests/cli/test_app.py",
     "cli/view.py: view": "the browser",
     "cli/serve.py": "the browser; what it shows is opened by app/session.py",
     "app/export.py: archive": "what a result has just written",

@@ -39,6 +39,8 @@ def test_find_and_save(pair: Pair, matches: Path, tmp_path: Path) -> None:
         *("left.geojson", "left.png", "rectification.json", "right.geojson", "right.png"),
     ]
     assert set(file_names(rectified=True)) == {path.name for path in tmp_path.iterdir()} - {".zpm2"}
+    found.save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} - {".zpm2"} == {"pose.json"}
 
 
 def test_new_matches_are_handed_over_before_the_pose(

@@ -48,6 +48,16 @@ class Job:
                 f"unknown command '{self.command}'{did_you_mean(self.command, COMMANDS)}; commands are: "
                 f"{', '.join(COMMANDS)}"
             )
+        for option, value, commands in (
+            ("--format", self.formats, ("match", "pose")),
+            ("--pictures", self.pictures, ("match", "pose", "tracks")),
+            ("--regions", self.regions, ("carry",)),
+            ("--rigid", self.rigid, ("carry",)),
+            ("--K", self.k, ("pose",)),
+            ("--K2", self.k2, ("pose",)),
+        ):
+            if value and self.command in COMMANDS and self.command not in commands:
+                raise ConfigError(f"{option} is for --command {' or '.join(commands)}: leave it out")
 
     @property
     def kind(self) -> Kind:

@@ -1,6 +1,7 @@
 """The command line: assembles the commands, and turns errors into one line and an exit code."""
 
 import errno
+import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -127,9 +128,15 @@ def main() -> None:
         _refuse_empty_words(sys.argv[1:])
         with terminable():
             status = app(prog_name="zpm2", standalone_mode=False)
+        print(end="", flush=True)
     except Zpm2Error as error:
         sys.exit(_complain(str(error)))
     except OSError as error:
+        from zpm2.files.writing import ON_WRITING
+
+        if error.errno in (errno.EPIPE, *ON_WRITING):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Python flushes what is left once more at its end
+            sys.exit(1 if error.errno == errno.EPIPE else _complain(f"cannot write: {ON_WRITING[error.errno]}"))
         if error.errno != errno.ENAMETOOLONG:
             raise
         name = str(error.filename)

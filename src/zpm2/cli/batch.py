@@ -35,6 +35,7 @@ from zpm2.cli.options import (
     registered_segmenters,
     use_weights,
 )
+from zpm2.errors import ConfigError
 
 if TYPE_CHECKING:
     from zpm2.batch import BatchSummary
@@ -101,7 +102,7 @@ def batch(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="match: also write this format: coco, geojson, geoparquet, gpkg, shapefile, cvat, labelme or "
+            help="match, pose: also write this format: coco, geojson, geoparquet, gpkg, shapefile, cvat, labelme or "
             "yolo. Repeatable.",
             rich_help_panel=RESULT,
             autocompletion=one_of(known_formats),
@@ -180,6 +181,10 @@ def batch(
     regions = None if regions is None else os.path.abspath(regions)
     job = batches.Job(out, command, config, tuple(formats or ()), page, pictures, regions, rigid, k, k2, way=way)
     job.check()
+    if merge and shard is not None:
+        raise ConfigError("--merge is of all shards: leave out --shard")
+    if way != "auto" and job.kind == "pair" and not os.path.isdir(pairs):
+        raise ConfigError(f"--pairs {way} is for a folder of photographs, and {pairs} is none: leave it out")
     with bars(quiet or as_json) as (progress, say):
         listed: Sequence[Entry]
         if job.kind == "group":
@@ -202,15 +207,23 @@ def batch(
             except KeyboardInterrupt as stop:
                 stop.add_note(f"what is finished is kept in {out}: run the same command again to go on")
                 raise
-    _report(found, f"{job.kind}s", quiet, as_json)
+    _report(found, job.kind, quiet, as_json, told=not (quiet or as_json or merge))
     if found.failed:
         raise typer.Exit(1)
 
 
-def _report(found: "BatchSummary", what: str, quiet: bool, as_json: bool) -> None:
+def _report(found: "BatchSummary", kind: str, quiet: bool, as_json: bool, told: bool) -> None:
+    """Prints what became of a list; warns of what failed unless that was `told` as it came."""
+    what, failures = f"{kind}s", {} if told or not found.failed else _failures(found.index, kind)
+    warn(f"{name}: {reason}" for name, reason in failures.items())
     if as_json:
-        values = {what: found.pairs, "done": found.done, "reused": found.reused, "failed": found.failed}
-        values |= {"missing": found.missing, "complete": found.complete}
+        values: dict[str, object] = {
+            what: found.pairs,
+            "done": found.done,
+            "reused": found.reused,
+            "failed": found.failed,
+        }
+        values |= {"failures": failures, "missing": found.missing, "complete": found.complete}
         print(json.dumps({**values, "seconds": round(found.seconds, 2), "index": found.index}))
     elif not quiet:
         missing = f", {found.missing} not done yet" if found.missing else ""
@@ -219,3 +232,10 @@ def _report(found: "BatchSummary", what: str, quiet: bool, as_json: bool) -> Non
             f"{missing}; {found.seconds:.1f} s"
         )
         print(f"Index: {found.index}" + ("" if found.complete else ", of this shard; others are not complete yet"))
+
+
+def _failures(index: str, kind: str) -> dict[str, str]:
+    """Why the rows of an index failed that did, by name."""
+    from zpm2.batch import read_index
+
+    return {str(row[kind]): str(row["reason"]) for row in read_index(index) if row["status"] == "failed"}

@@ -57,12 +57,15 @@ def bench(
     Each pair is matched once, which loads the networks, and then --runs times, whose medians count.
     """
     from zpm2.evaluate import rendered, speed
+    from zpm2.files.writing import check_place
 
     given = photographs or []
     if len(given) % 2:
         raise ConfigError(f"zpm2 bench takes pairs, LEFT RIGHT each: {len(given)} photographs are given")
     config = configure(preset, config_file, settings, device=device, seed=seed, max_memory=max_memory)
     use_weights(weights_dir)
+    if json_file:
+        check_place(json_file)
     before = speed.Speed.load(compare) if compare else None
     found = examine()
     environment = {name: found["versions"][name] for name in SAID} | {"preset": preset, **found["devices"]}
@@ -71,6 +74,7 @@ def bench(
         if not pairs:
             pairs = [rendered.save_scene(rendered.render_scene(config.seed), Path(folder))]
         measured = speed.measure(pairs, config, runs, many, environment, progress, say)
+    if not quiet:
+        print(speed.text(measured, before))
     if json_file:
         measured.save(json_file)
-    print(speed.text(measured, before))

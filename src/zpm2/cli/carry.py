@@ -53,7 +53,7 @@ def carry(
     ],
     out: Out = Path("zpm2-carry"),
     masks: Masks = None,
-    mask_regions: MaskRegions = "keep",
+    mask_regions: MaskRegions = None,
     rigid: Annotated[
         bool,
         typer.Option(
@@ -92,7 +92,7 @@ def carry(
     from zpm2 import api
     from zpm2.carry import opened_regions
     from zpm2.files.listing import distinct_stems
-    from zpm2.files.record import make_folder, temporary_folder
+    from zpm2.files.record import make_folder, remove_made, temporary_folder
     from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.formats.regions.region import split_layer
 
@@ -126,6 +126,8 @@ def carry(
             result = matcher.carry(left, right, file, rigid=rigid)
             result.save(make_folder(out / folder), report=page)
             found.append((folder, result))
+        if FOLDER not in folders:
+            remove_made(out / FOLDER)
         told = list[str]()
         if masks:
             given = found[0][1]

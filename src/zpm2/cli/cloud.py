@@ -88,12 +88,17 @@ def cloud(
         typer.Option(help="With --stereo: disparity of the left image (.pfm, .png, .npy).", rich_help_panel=STEREO),
     ] = None,
     disparity_scale: Annotated[
-        float,
+        float | None,
         typer.Option(
-            help="Divide the values of --disparity by this.", rich_help_panel=STEREO, callback=positive("number")
+            help="Divide the values of --disparity by this.  [default: 1]",
+            rich_help_panel=STEREO,
+            callback=positive("number"),
         ),
-    ] = 1.0,
-    disparity_sign: Annotated[int, typer.Option(help="1, or -1 if --disparity stores -d.", rich_help_panel=STEREO)] = 1,
+    ] = None,
+    disparity_sign: Annotated[
+        int | None,
+        typer.Option(help="1, or -1 if --disparity stores -d.  [default: 1]", rich_help_panel=STEREO),
+    ] = None,
     matches: Annotated[
         Path | None,
         typer.Option(help="With --stereo: use the matches in this folder of zpm2 match.", rich_help_panel=STEREO),
@@ -128,6 +133,7 @@ def cloud(
     config = configure(preset, config_file, settings, bands=bands, device=device, seed=seed, max_memory=max_memory)
     only_stereo = {"--calib": calib, "--K": k, "--K2": k2, "--baseline": baseline, "--disparity": disparity}
     _refuse(stereo, only_stereo | {"--matches": matches}, {"--mesh": mesh, "--images": images, "--cameras": cameras})
+    scale, sign = 1.0 if disparity_scale is None else disparity_scale, 1 if disparity_sign is None else disparity_sign
     if len(inputs) != (2 if stereo else 1):
         raise ConfigError("give one workspace, or two photographs with --stereo")
     from zpm2 import cloud as clouds
@@ -136,7 +142,11 @@ def cloud(
     from zpm2.cloud.save import NAMES
     from zpm2.cloud.surface import require_trimesh
 
-    check_sign(disparity_sign, f"--disparity-sign {disparity_sign}")
+    check_sign(sign, f"--disparity-sign {sign}")
+    if disparity is None:
+        for name, value in {"--disparity-scale": disparity_scale, "--disparity-sign": disparity_sign}.items():
+            if value is not None:
+                raise ConfigError(f"{name} needs --disparity")
     require_trimesh()
     if las:
         require_laspy()
@@ -152,7 +162,7 @@ def cloud(
                 inputs[1],
                 clouds.read_rig(inputs[0], inputs[1], calibration=calib, k=k, k2=k2, baseline=baseline),
                 config,
-                disparity=clouds.DisparityFile(disparity, disparity_scale, disparity_sign) if disparity else None,
+                disparity=clouds.DisparityFile(disparity, scale, sign) if disparity else None,
                 matches=matches,
                 non_overlapping=non_overlapping,
                 kept=out / PAIRS,

@@ -1,6 +1,7 @@
 """`zpm2 config`: what can be set, and what a run would use."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated
 
@@ -50,11 +51,17 @@ def show(
 
 def _toml(table: Mapping[str, object], name: str = "") -> Iterator[str]:
     """The lines of a table of TOML: its values, then the tables in it."""
-    yield from (f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict))
-    for key, value in table.items():
+    named = [(key if re.fullmatch("[A-Za-z0-9_-]+", key) else _quoted(key), value) for key, value in table.items()]
+    yield from (f"{key} = {_quoted(value)}" for key, value in named if not isinstance(value, dict))
+    for key, value in named:
         if isinstance(value, dict):
             yield f"\n[{name}{key}]"
             yield from _toml(value, f"{name}{key}.")
+
+
+def _quoted(value: object) -> str:
+    """A value of TOML, in ASCII. JSON writes what is beyond 16 bits as two characters, which TOML refuses."""
+    return re.sub("[^ -~]", lambda found: f"\\U{ord(found[0]):08x}", json.dumps(value, ensure_ascii=False))
 
 
 def _word(value: object) -> str:

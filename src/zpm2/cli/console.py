@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from types import FrameType
@@ -27,11 +28,12 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
+    say = partial(console.print, markup=False, emoji=False, highlight=False, soft_wrap=True)
     if not console.is_terminal:
         with lines() as tell:
-            yield tell, console.print
+            yield tell, say
         return
-    columns = TextColumn("{task.description:<8}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description:<8}", markup=False), BarColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as shown:
         tasks: dict[str, TaskID] = {}
 
@@ -40,7 +42,7 @@ def bars(silent: bool) -> Iterator[tuple[Callable[[str, float], None], Callable[
                 tasks[stage] = shown.add_task(stage, total=1.0)
             shown.update(tasks[stage], completed=share)
 
-        yield progress, console.print
+        yield progress, say
 
 
 @contextmanager

@@ -49,6 +49,9 @@ def export(
     if (datetime is not None) and to != "stac":
         raise ConfigError("--datetime is of --to stac: give it, too")
     if to == "stac":
+        for name, value in {"--images": images, "--matched": matched or None}.items():
+            if value is not None:
+                raise ConfigError(f"{name} is of --to colmap and hloc: leave it out")
         _to_stac(results, out, datetime, quiet)
         return
     from zpm2.config import Config

@@ -74,7 +74,7 @@ def match(
         ),
     ] = False,
     masks: Masks = None,
-    mask_regions: MaskRegions = "keep",
+    mask_regions: MaskRegions = None,
     page: Report = True,
     preset: Preset = "default",
     quality: Annotated[
@@ -162,10 +162,10 @@ def match(
     it stopped.
     """
     from zpm2 import api
-    from zpm2.files.record import TILES, remove_own
+    from zpm2.files.record import TILES, remove_made, remove_own
     from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.formats.regions.region import split_layer
-    from zpm2.formats.saving import file_names
+    from zpm2.formats.saving import DOCUMENT, file_names
 
     config = configure(preset, config_file, settings, max_memory=max_memory)
     check_formats(formats or [])
@@ -207,6 +207,8 @@ def match(
             progress=progress,
             say=say,
         )
+        for name in (DOCUMENT, FOLDER) if masks else (FOLDER,):
+            remove_made(out / name)
         if masks:
             sides = zip((result.left, result.right), result.matched_polygons(), strict=True)
             inside = [RegionMask(side, [polygon.shape for polygon in matched]) for side, matched in sides]
@@ -265,11 +267,12 @@ def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.add_column("stage")
     table.add_column("seconds", justify="right")
-    table.add_column("result")
+    table.add_column("result", overflow="fold")
     by_stage = ", ".join(f"{count} {stage}" for stage, count in summary["by_stage"].items()) or "none"
     found = {
         "read": f"{result.left.width} x {result.left.height} and {result.right.width} x {result.right.height} px",
@@ -281,7 +284,7 @@ def _print_table(result: "MatchResult", summary: Summary, out: Path) -> None:
     }
     for stage, seconds in result.timings.items():
         table.add_row(stage, f"{seconds:.2f}", found.get(stage, ""))
-    table.add_row("total", f"{sum(result.timings.values()):.2f}", f"in {out}")
+    table.add_row("total", f"{sum(result.timings.values()):.2f}", Text(f"in {out}"))
     Console().print(table)
     for side, counts in summary["unmatched"].items():
         if counts:

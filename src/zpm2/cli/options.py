@@ -131,14 +131,16 @@ def mask_programs() -> Iterable[str]:
     return masks.NAMES
 
 
-def check_masks(programs: Sequence[str], regions: str, photographs: Sequence[Path]) -> bool:
+def check_masks(programs: Sequence[str], regions: str | None, photographs: Sequence[Path]) -> bool:
     """Whether masks keep the regions. `ConfigError` for values that do not exist, and for photographs of one name."""
     from zpm2.formats import masks
 
     masks.check_names(programs, photographs)
-    if regions not in ("keep", "remove"):
+    if regions not in ("keep", "remove", None):
         raise ConfigError(f"--mask-regions {regions}: give keep or remove")
-    return regions == "keep"
+    if regions is not None and not programs:
+        raise ConfigError("--mask-regions needs --masks")
+    return regions != "remove"
 
 
 def check_formats(names: Iterable[str]) -> None:
@@ -287,9 +289,10 @@ Masks = Annotated[
     ),
 ]
 MaskRegions = Annotated[
-    str,
+    str | None,
     typer.Option(
-        help="What the masks say of the regions: keep (all else is ignored) or remove (the regions are ignored).",
+        help="What the masks say of the regions: keep (all else is ignored) or remove (the regions are ignored).  "
+        "[default: keep]",
         rich_help_panel=RESULT,
         autocompletion=one_of(lambda: ("keep", "remove")),
     ),

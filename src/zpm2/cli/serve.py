@@ -95,7 +95,7 @@ def app(
     )
     use_weights(weights_dir)
     allow_vrt(allowed)
-    most = memory.size(max_upload)
+    most = _bytes(max_upload)
     if host != LOCAL:
         warn([f"whoever reaches {host} and knows the token can see the photographs; the connection is not encrypted"])
     from zpm2.app.session import made
@@ -106,6 +106,15 @@ def app(
     elif given:
         session.open_result(given[0])
     serve(session, host, port, most, lambda address: _tell(address, no_open))
+
+
+def _bytes(most: str) -> float:
+    try:
+        if most != memory.AUTO:
+            return memory.size(most)
+    except ConfigError:
+        pass
+    raise ConfigError(f"--max-upload {most} is not a size: give a number with a unit (2GB, 500MB), or none")
 
 
 def _tell(address: str, no_open: bool) -> None:

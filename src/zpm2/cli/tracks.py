@@ -58,7 +58,7 @@ def tracks(
     ] = 20,
     page: Report = True,
     masks: Masks = None,
-    mask_regions: MaskRegions = "keep",
+    mask_regions: MaskRegions = None,
     segmenter: Annotated[
         str | None,
         typer.Option(
@@ -86,6 +86,7 @@ def tracks(
     tracks.csv, report.html (open it in a browser, or zpm2 view), and contact sheets of the longest tracks (sheets/);
     with --masks, masks of the regions in all tracks. The next run uses finished pairs again.
     """
+    from zpm2.files.record import remove_made
     from zpm2.formats.masks import FOLDER, RegionMask, write_masks
     from zpm2.tracking import tracks as follow
     from zpm2.tracking.matches import KEPT
@@ -114,6 +115,7 @@ def tracks(
     ):
         found = follow(photographs, config, pairs=pairs, kept=out / KEPT, progress=progress, say=say)
         found.save(out, sheets, report=page)
+        remove_made(out / FOLDER)
         told = list[str]()
         if masks:
             regions = ([polygon.shape for polygon in found.polygons(row)] for row in range(len(found.photographs)))

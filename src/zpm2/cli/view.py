@@ -11,6 +11,8 @@ from zpm2.errors import InputError
 
 CLOUD = "cloud.html"
 TRACKS = "tracks.json"
+# of results, in whose folders the pages are
+FILES = "matches.json", "carry.json", "pose.json", TRACKS, "cloud.json", "report.html", CLOUD, "index.html"
 
 
 def view(
@@ -26,6 +28,8 @@ def view(
     match where it is missing. For an evaluation, and for a folder with results in folders below it, writes index.html:
     a table of the pairs with thumbnails and links to their reports, the worst first.
     """
+    if out.is_file() and out.name not in FILES:
+        raise InputError(f"{out} is not a file of a result: give its folder")
     page = _page(out.parent if out.is_file() else out, reports).resolve()
     print(page)
     if not (no_open or webbrowser.open(page.as_uri())):

@@ -44,9 +44,8 @@ def list_(
     for item, path in rows:
         here = "-" if path is None else "cache" if path.parent == weights.cache_dir() else "yours"
         table.add_row(item.name, f"{item.size / 1e6:.1f}" if item.hash_known else "?", here, item.licence, item.purpose)
-    console = Console()
-    console.print(table)
-    console.print(f"cache: {weights.cache_dir()}", soft_wrap=True, highlight=False)
+    Console().print(table)
+    print(f"cache: {weights.cache_dir()}")
 
 
 @app.command()
@@ -127,7 +126,7 @@ def _bar(name: str) -> Iterator[weights.Progress]:
         with lines() as tell:
             yield lambda done, total: tell(name, done / max(total, 1))
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task(name, total=None, visible=False)
         yield lambda done, total: bars.update(task, completed=done, total=total, visible=True)

@@ -93,8 +93,10 @@ def refuse_foreign(path: Path) -> None:
 def move_into_place(part: Path, target: Path) -> Path:
     """Moves a finished file or folder to its final name, replacing one that an earlier run made, and records it."""
     refuse_foreign(target)
-    for path in (part, *part.rglob("*")) if part.is_dir() else (part,):
-        _remember(target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
+    home = _home(target)
+    if home is not None and not _is_own(target, home):
+        for path in (part, *part.rglob("*")) if part.is_dir() else (part,):
+            _remember(target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
     os.replace(part, target)
     return target
 
@@ -139,10 +141,16 @@ def remove_own(path: Path) -> None:
     _remove(path)
 
 
-def remove_made(folder: Path) -> None:
-    """Removes what runs made in a claimed folder: files that nobody changed since, and folders that are empty then."""
-    for name, known in sorted(_made(folder).items(), reverse=True):  # what is in a folder before it
-        path = folder / name
+def remove_made(place: Path) -> None:
+    """Removes what runs made at a place in a claimed folder, or below: files that nobody changed since, and folders
+    that are empty then."""
+    home = _home(place / HIDDEN)
+    if home is None or not os.path.lexists(place):
+        return
+    for name, known in sorted(_made(home).items(), reverse=True):  # what is in a folder before it
+        path = home / name
+        if not path.is_relative_to(_absolute(place)):
+            continue
         with contextlib.suppress(OSError):  # not there, or not empty
             if FOLDER in known and path.is_dir() and not path.is_symlink():
                 path.rmdir()
@@ -172,6 +180,22 @@ def temporary_folder(folder: Path) -> Iterator[Path]:
         except KeyboardInterrupt:  # half-way
             _remove(path)
             raise
+
+
+def staged(part: Path, folder: Path) -> Path:
+    """A folder in a temporary one `part`, made for files that are to be moved into `folder`."""
+    home = _home(folder / HIDDEN)
+    made = part if home is None else part / _name(folder, home)
+    made.mkdir(parents=True, exist_ok=True)
+    return made
+
+
+def destination(folder: Path) -> Path:
+    """Where the files of a `staged` folder will lie; any other folder as it is."""
+    home = _home(folder)
+    if home is None or not _absolute(folder).is_relative_to(_parts(home)):
+        return folder
+    return home.joinpath(*Path(_name(folder, home)).parts[3:])  # of .zpm2/parts/NAME.part/
 
 
 def remove_scratch(folder: Path) -> None:

@@ -5,13 +5,13 @@ import errno
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from zpm2.errors import OutputError
 from zpm2.files import record
 
-_ON_WRITING = {  # errors that only writing can meet, and what to do
+ON_WRITING = {  # errors that only writing can meet, and what to do
     errno.ENOSPC: "the disk is full; free some space",
     getattr(errno, "EDQUOT", -1): "your share of the disk is full; free some space",
     errno.EROFS: "permission denied, the disk can only be read; give a folder on another one",
@@ -36,6 +36,40 @@ def atomic_write(path: str | Path, content: bytes | str) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write {path}: {why(error, path)}") from error
     return path
+
+
+@contextlib.contextmanager
+def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """A temporary folder for those files and folders `names` of a claimed folder that a run makes. At the end they take
+    the place of all those that earlier runs made.
+
+    The last name, whose file says that all are there, is removed first and comes last. `OutputError` as from
+    `atomic_write`; where it comes before the end, `folder` is as it was.
+    """
+    target = folder
+    try:
+        with record.temporary_folder(folder) as part:
+            made = record.staged(part, folder)
+            yield made
+            for name in reversed(names):
+                record.remove_made(folder / name)
+            for each in sorted(made.rglob("*"), key=lambda path: (path.name == names[-1], path)):
+                target = folder / each.relative_to(made)
+                record.make_folder(target) if each.is_dir() else record.move_into_place(each, target)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {why(error, target)}") from error
+
+
+def check_place(path: Path) -> None:
+    """`OutputError` where `atomic_write` could not write a file, so that a long run does not fail at its end."""
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        record.refuse_foreign(path)
+        with record.temporary_folder(path.parent):
+            pass
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {why(error, path)}") from error
 
 
 def output_folder(path: str | Path, inputs: Iterable[str | Path] = ()) -> Path:
@@ -103,7 +137,7 @@ def results_folder(path: Path, names: Iterable[str], inputs: Iterable[Path] = ()
         for folder in fresh:
             with contextlib.suppress(OSError):  # not empty
                 folder.rmdir()
-        if isinstance(error, OSError) and error.errno in _ON_WRITING:
+        if isinstance(error, OSError) and error.errno in ON_WRITING:
             raise OutputError(f"cannot write into output folder {path}: {why(error, path)}") from error
         raise
 
@@ -122,13 +156,13 @@ def _same(a: Path, b: Path) -> bool:
 
 def stops_all(error: OutputError) -> bool:
     """Whether nothing more can be written, as the disk is full or can only be read."""
-    return isinstance(error.__cause__, OSError) and error.__cause__.errno in _ON_WRITING
+    return isinstance(error.__cause__, OSError) and error.__cause__.errno in ON_WRITING
 
 
 def why(error: OSError, path: Path) -> str:
     """Why `path` could not be written and what to do, for the end of an `OutputError`'s line."""
-    if error.errno in _ON_WRITING:
-        return _ON_WRITING[error.errno]
+    if error.errno in ON_WRITING:
+        return ON_WRITING[error.errno]
     if error.errno in (errno.EACCES, errno.EPERM):
         held = ", and close programs that have the file open" if sys.platform == "win32" else ""
         return f"permission denied; give a folder that you may write to{held}"

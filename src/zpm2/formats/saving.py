@@ -12,7 +12,7 @@ from zpm2.errors import InputError
 from zpm2.files.photo_paths import find_photo, photo_reference
 from zpm2.files.reading import WRONG, read_json
 from zpm2.files.record import make_folder, remove_own
-from zpm2.files.writing import atomic_write, claim
+from zpm2.files.writing import atomic_write, claim, replaced_together
 from zpm2.formats import registry
 from zpm2.formats.convert import Members
 from zpm2.formats.registry import PairResult
@@ -43,23 +43,23 @@ def save(
     """Writes a result and `pictures` ((h, w, 3) RGB, by file name) into a folder; returns it.
 
     report: makes the page and its files from the document; None for no page. `MatchResult.save` describes the files.
-    The document is written last: where it exists, the folder is complete.
+    They take the place of all that an earlier result has there (`replaced_together`): where the document exists, the
+    folder is complete.
     """
     asked = registry.chosen(formats)
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
     folder = claim(directory, file_names(formats), photographs)
     usual = [each for each in registry.known() if each.by_default is not None and each.by_default(result)]
-    for each in [*usual, *(each for each in asked if each not in usual)]:
-        each.write(result, folder)
-    for name, pixels in pictures.items():
-        atomic_write(folder / name, png(pixels))
-    for name in set(PICTURES) - set(pictures):  # of an earlier result
-        remove_own(folder / name)
-    document = result.to_dict()
-    for side in SIDES:
-        document[side] |= photo_reference(document[side]["path"], folder)
-    write_report(folder, report(document) if report else ())
-    atomic_write(folder / DOCUMENT, json.dumps(document, allow_nan=False))
+    with replaced_together(folder, file_names(registry.names())) as made:
+        for each in [*usual, *(each for each in asked if each not in usual)]:
+            each.write(result, made)
+        for name, pixels in pictures.items():
+            atomic_write(made / name, png(pixels))
+        document = result.to_dict()
+        for side in SIDES:
+            document[side] |= photo_reference(document[side]["path"], folder)
+        write_report(made, report(document) if report else ())
+        atomic_write(made / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder
 
 

@@ -11,8 +11,8 @@ from zpm2 import config as configuration
 from zpm2.config import Config
 from zpm2.errors import ConfigError, Failed
 from zpm2.files.listing import distinct_names
-from zpm2.files.record import make_folder
-from zpm2.files.writing import atomic_write
+from zpm2.files.record import make_folder, remove_made
+from zpm2.files.writing import atomic_write, claim
 from zpm2.formats import geojson
 from zpm2.formats.colmap import require_pycolmap
 from zpm2.model import SIDES, Camera, Image, counterparts
@@ -62,7 +62,9 @@ class OrientedPair:
         The matches are not written; they have a `save` of their own. `OutputError` where something else has one of the
         names, `MissingDependency` where `as_colmap` needs pycolmap.
         """
-        out, written, missing = Path(folder), list[Path](), list[str]()
+        out, written, missing = claim(folder, file_names(rectified, as_colmap)), list[Path](), list[str]()
+        for name in file_names(rectified=True, as_colmap=True):  # of an earlier pose
+            remove_made(out / name)
         if rectified:
             pair = self.rectified()
             if isinstance(pair, Failed):
