@@ -17,6 +17,7 @@ from rendered import Outcome, Pair, Run, save_pair
 from zpm2 import MatchResult
 from zpm2.api import Matcher
 from zpm2.config import assign, preset
+from zpm2.errors import OutputError
 from zpm2.evaluate import predictions
 from zpm2.evaluate.datasets import open_dataset
 from zpm2.evaluate.pairs import EvalPair
@@ -225,6 +226,26 @@ def test_ctrl_c_before_anything_is_finished_leaves_nothing(
     code, _, err = run("match", pair.left, pair.right, "-o", tmp_path / "deep" / "out", *pair.regions)
     assert (code, "kept" in err) == (130, False)
     assert not (tmp_path / "deep").exists()
+
+
+def test_a_rerun_leaves_a_result_in_a_folder_of_its_own(run: Run, pair: Pair, tmp_path: Path) -> None:
+    common = "match", pair.left, pair.right, *pair.regions, "--quiet", "-o"
+    for out in (tmp_path, tmp_path / "masks", tmp_path):
+        assert run(*common, out).code == 0
+    assert (tmp_path / "masks" / "matches.json").is_file()
+
+
+def test_a_changed_file_stops_a_rerun_before_anything_is_removed(run: Run, pair: Pair, tmp_path: Path) -> None:
+    common = "match", pair.left, pair.right, *pair.regions, "--quiet", "-o", tmp_path, "--format"
+    assert run(*common, "coco").code == 0
+    record = tmp_path / ".zpm2" / "made.jsonl"
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path != record}
+    made = MatchResult.load(tmp_path)
+    (tmp_path / "overlay.png").write_bytes(b"mine")
+    with pytest.raises(OutputError, match=r"overlay\.png was changed since"):
+        made.save(tmp_path)
+    after = {path: path.read_bytes() for path in before}
+    assert after == before | {tmp_path / "overlay.png": b"mine"}
 
 
 def test_a_rerun_leaves_no_file_of_the_earlier_run(run: Run, pair: Pair, tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from zpm2.errors import Failed
 from zpm2.pose.degeneracy import Degeneracy, examine, rotation_between
 from zpm2.pose.estimators import OpenCv, PoseEstimate
 from zpm2.pose.points import RayPairs
+from zpm2.pose.refine import refine
+from zpm2.pose.result import RelativePose
 
 PX = 1 / 700
 CONFIG = PoseConfig()
@@ -57,6 +59,17 @@ def test_the_noise_that_is_assumed_hides_neither_a_rotation_nor_a_plane(seed: in
     assert "pure_rotation" in examined(views(seed, noise=0.9, shift=(0, 0, 0)))[1].flags
     assert "planar_scene" in examined(views(seed, noise=0.9, scene="plane"))[1].flags
     assert examined(views(seed, noise=0.9))[1].flags == ()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_turn_is_known_where_a_translation_is_not(noise: float) -> None:
+    of = views(0, noise=noise, shift=(0, 0, 0))
+    motion, seen = examined(of)
+    refined = refine(motion, RayPairs(*of.rays, PX), np.arange(len(of.points)) % 9, 30)
+    pose = RelativePose.of(refined, seen)
+    assert pose.translation is None is pose.translation_sigma
+    assert pose.rotation_sigma is not None
+    assert pose.rotation_sigma < 0.01
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])

@@ -127,7 +127,7 @@ def carry(
             result.save(make_folder(out / folder), report=page)
             found.append((folder, result))
         if FOLDER not in folders:
-            remove_made(out / FOLDER)
+            remove_made(out, FOLDER)
         told = list[str]()
         if masks:
             given = found[0][1]

@@ -207,14 +207,16 @@ def match(
             progress=progress,
             say=say,
         )
-        for name in (DOCUMENT, FOLDER) if masks else (FOLDER,):
-            remove_made(out / name)
         if masks:
+            for name in (DOCUMENT, FOLDER):  # of an earlier run
+                remove_made(out, name)
             sides = zip((result.left, result.right), result.matched_polygons(), strict=True)
             inside = [RegionMask(side, [polygon.shape for polygon in matched]) for side, matched in sides]
             told = write_masks(out / FOLDER, masks, inside, keep)
             result = replace(result, warnings=[*result.warnings, *told])
         result.save(out, formats or [], report=page)
+        if not masks:
+            remove_made(out, FOLDER)
         remove_own(out / TILES)
     report(result, out, quiet, as_json)
 

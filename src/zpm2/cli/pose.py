@@ -178,7 +178,7 @@ def _report(pair: "OrientedPair", out: Path, written: list[Path], quiet: bool, a
         print("t  " + ("none" if shift is None else "  ".join(f"{value: .6f}" for value in shift)))
         turned, moved = found.pose.rotation_sigma, found.pose.translation_sigma
         if turned is None:
-            print("standard deviation: unknown, the true pose may be quite different (see the warnings)")
+            print("standard deviation: unknown (see the warnings)")
         else:
             print(
                 f"standard deviation: {turned:.3f} degrees of R"

@@ -115,7 +115,7 @@ def tracks(
     ):
         found = follow(photographs, config, pairs=pairs, kept=out / KEPT, progress=progress, say=say)
         found.save(out, sheets, report=page)
-        remove_made(out / FOLDER)
+        remove_made(out, FOLDER)
         told = list[str]()
         if masks:
             regions = ([polygon.shape for polygon in found.polygons(row)] for row in range(len(found.photographs)))

@@ -8,7 +8,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from zpm2.model import Polygon
-from zpm2.polygons.rasterize import rasterize, rasterize_stack
+from zpm2.polygons.rasterize import rasterize
 
 Rows = NDArray[np.intp]
 
@@ -61,14 +61,7 @@ def polygon_pixels(polygon: Polygon, width: int, height: int) -> tuple[tuple[sli
     A pixel belongs to a polygon if its centre lies inside (`polygons.rasterize.rasterize`): the area of a polygon along
     pixel edges is its number of pixels, and polygons that touch share none.
     """
-    x_min, y_min, x_max, y_max = polygon.shape.bounds
-    if min(x_min, y_min) < 0 or x_max > width or y_max > height:  # its bounds may be larger than any memory
-        whole = rasterize_stack(np.array([polygon.shape], object), (width, height))[0]
-        left, right = (int(v) for v in np.clip([np.floor(x_min), np.ceil(x_max)], 0, width))
-        top, bottom = (int(v) for v in np.clip([np.floor(y_min), np.ceil(y_max)], 0, height))
-        window = slice(top, bottom), slice(left, right)
-        return window, whole[window]
-    mask = rasterize(polygon.shape)
+    mask = rasterize(polygon.shape, (width, height))
     rows, columns = mask.bits.shape
     return (slice(mask.y0, mask.y0 + rows), slice(mask.x0, mask.x0 + columns)), mask.bits
 

@@ -141,15 +141,15 @@ def remove_own(path: Path) -> None:
     _remove(path)
 
 
-def remove_made(place: Path) -> None:
-    """Removes what runs made at a place in a claimed folder, or below: files that nobody changed since, and folders
-    that are empty then."""
-    home = _home(place / HIDDEN)
+def remove_made(folder: Path, name: str = "") -> None:
+    """Removes what runs made in a claimed folder, at `name` in it or below: files that nobody changed since, and
+    folders that are empty then. What lies in another claimed folder in it stays."""
+    home, place = _home(folder / HIDDEN), _absolute(folder) / name
     if home is None or not os.path.lexists(place):
         return
-    for name, known in sorted(_made(home).items(), reverse=True):  # what is in a folder before it
-        path = home / name
-        if not path.is_relative_to(_absolute(place)):
+    for each, known in sorted(_made(home).items(), reverse=True):  # what is in a folder before it
+        path = home / each
+        if not path.is_relative_to(place):
             continue
         with contextlib.suppress(OSError):  # not there, or not empty
             if FOLDER in known and path.is_dir() and not path.is_symlink():

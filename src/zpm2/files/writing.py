@@ -34,6 +34,7 @@ def atomic_write(path: str | Path, content: bytes | str) -> Path:
             part.write_bytes(data)
             record.move_into_place(part, path)
     except OSError as error:
+        path = record.destination(path.parent) / path.name
         raise OutputError(f"cannot write {path}: {why(error, path)}") from error
     return path
 
@@ -51,9 +52,12 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
         with record.temporary_folder(folder) as part:
             made = record.staged(part, folder)
             yield made
+            parts = sorted(made.rglob("*"), key=lambda path: (path.name == names[-1], path))
+            for each in parts:
+                record.refuse_foreign(folder / each.relative_to(made))
             for name in reversed(names):
-                record.remove_made(folder / name)
-            for each in sorted(made.rglob("*"), key=lambda path: (path.name == names[-1], path)):
+                record.remove_made(folder, name)
+            for each in parts:
                 target = folder / each.relative_to(made)
                 record.make_folder(target) if each.is_dir() else record.move_into_place(each, target)
     except OSError as error:

@@ -22,10 +22,13 @@ def intrinsics(matrix: Array) -> Array:
 
 
 def homography(matrix: Array) -> Array:
-    """3 x 3 H for pixel centres at +0.5, from an H for pixel centres at 0, of which the corner (0, 0) lies in front of
-    the horizon."""
+    """3 x 3 H for pixel centres at +0.5, from an H for pixel centres at 0.
+
+    Its sign says which side of its horizon is seen (`geometry.project`). It is changed only where the corner (0, 0)
+    would be unseen and the rest mirrored: then the file has it in another scale.
+    """
     moved = HALF_PIXEL @ np.asarray(matrix, np.float64) @ np.linalg.inv(HALF_PIXEL)
-    return np.asarray(moved * (np.sign(moved[2, 2]) or 1.0))
+    return np.asarray(-moved if moved[2, 2] < 0 and np.linalg.det(moved) < 0 else moved)
 
 
 def resized(matrix: Array, size: tuple[int, int], new_size: tuple[int, int]) -> Array:

@@ -15,7 +15,7 @@ from zpm2.files.record import make_folder, remove_own
 from zpm2.files.writing import atomic_write, claim, replaced_together
 from zpm2.formats import registry
 from zpm2.formats.convert import Members
-from zpm2.formats.registry import PairResult
+from zpm2.formats.registry import OutputFormat, PairResult
 from zpm2.model import SIDES
 from zpm2.photos.pictures import png
 
@@ -30,6 +30,10 @@ def file_names(formats: Sequence[str] = ()) -> list[str]:
     """The names of all files that `save` may write."""
     written = [each for each in registry.known() if each.by_default is not None]
     written += [each for each in map(registry.FORMATS.get, formats) if each not in written]
+    return _names(written)
+
+
+def _names(written: Iterable[OutputFormat]) -> list[str]:
     return [*(name for each in written for name in each.files), *PICTURES, REPORT, TILES, DOCUMENT]
 
 
@@ -50,7 +54,7 @@ def save(
     photographs = [side.path for side in (result.left, result.right) if side.path is not None]
     folder = claim(directory, file_names(formats), photographs)
     usual = [each for each in registry.known() if each.by_default is not None and each.by_default(result)]
-    with replaced_together(folder, file_names(registry.names())) as made:
+    with replaced_together(folder, _names([*registry.known(), *asked])) as made:
         for each in [*usual, *(each for each in asked if each not in usual)]:
             each.write(result, made)
         for name, pixels in pictures.items():

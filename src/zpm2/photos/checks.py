@@ -35,6 +35,8 @@ def check(values: NDArray[np.generic], what: str) -> None:
 def check_image(image: Image, what: str) -> None:
     """`InputError` for an `Image` whose arrays are not those of a photograph."""
     rgb, valid = image.rgb, image.valid
+    if not isinstance(rgb, np.ndarray) or np.ma.isMaskedArray(rgb):
+        raise InputError(f"{what}: expected an Image with rgb (h, w, 3) uint8, got a {type(rgb).__name__}")
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
         raise InputError(f"{what}: expected an Image with rgb (h, w, 3) uint8, got {_kind(rgb)}: give the array itself")
     check_sides(image.width, image.height, what)

@@ -125,15 +125,17 @@ def world_of(geo: Georeference) -> tuple[str, Callable[[Array], Array]] | None:
         return None
 
 
-def from_world(geo: Georeference, size: tuple[int, int], crs: str, points: Array) -> Array:
+def from_world(
+    geo: Georeference, size: tuple[int, int], crs: str, points: Array, part: NDArray[np.intp] | None = None
+) -> Array:
     """(n, 2) coordinates of any reference system -> (n, 2) px of a photograph of `size` (width, height) px for which
     `world_of` knows a way, NaN beyond its reach.
 
     x or longitude comes first. By the photograph's own system, or else by its RPCs, at their mean height. `crs` is one
-    that `check_crs` has passed.
+    that `check_crs` has passed. Points of one `part` (n,) stay together, by default each is one of its own.
     """
     if geo.crs is not None and geo.transform is not None:
-        return _to_image(geo.crs, geo, size, between(crs, geo.crs, points))
+        return _to_image(geo.crs, geo, size, between(crs, geo.crs, points), part)
     return RpcGeolocator(_rpc_of(geo)).from_lon_lat(between(crs, WGS84, points))
 
 
@@ -237,14 +239,24 @@ def _warped(source: "CRS | str", target: "CRS | str", points: Array) -> Array:
     return _finite(out)
 
 
-def _to_image(crs: "CRS | str", geo: Georeference, size: tuple[int, int], points: Array) -> Array:
-    """(n, 2) coordinates of a photograph's own reference system -> (n, 2) px. Longitudes may be whole turns away."""
+def _to_image(
+    crs: "CRS | str", geo: Georeference, size: tuple[int, int], points: Array, part: NDArray[np.intp] | None = None
+) -> Array:
+    """(n, 2) coordinates of a photograph's own reference system -> (n, 2) px. A part may be whole turns away: it is
+    moved to the turn that is nearest to the photograph's middle, unless it overlaps the photograph where it is."""
     from rasterio.crs import CRS
 
-    if CRS.from_user_input(crs).is_geographic:
-        lon = geo.to_world(np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size)[:, 0]  # of the corners
-        half = np.ptp(lon) / 2
-        points = _wrapped(points, lon.min() + half, max(180.0, half) + 1e-9)  # a border may be rounded
+    if len(points) and CRS.from_user_input(crs).is_geographic:
+        corners = geo.to_world(np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * size)[:, 0]
+        west, east = corners.min() - 1e-9, corners.max() + 1e-9  # a border may be rounded
+        part = np.arange(len(points)) if part is None else part
+        low, high = np.full(part.max() + 1, np.inf), np.full(part.max() + 1, -np.inf)
+        np.fmin.at(low, part, points[:, 0])
+        np.fmax.at(high, part, points[:, 0])
+        with np.errstate(invalid="ignore"):  # of parts without any finite point
+            turns = np.floor(((low + high) / 2 - (west + east) / 2 + 180) / 360)
+        turns[(low <= east) & (high >= west)] = 0
+        points = np.column_stack([points[:, 0] - 360 * turns[part], points[:, 1]])
     return geo.to_image(points)
 
 
@@ -253,8 +265,8 @@ def _finite(points: Array) -> Array:
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)
 
 
-def _wrapped(degrees: Array, center: float, reach: float = 180.0) -> Array:
-    """Longitudes that are more than `reach` degrees from `center`, moved by whole turns to within 180 degrees of it."""
+def _wrapped(degrees: Array, center: float) -> Array:
+    """Longitudes moved by whole turns to within 180 degrees of `center`."""
     lon = degrees[:, 0]
-    turns = np.where(np.abs(lon - center) > reach, np.floor((lon - center + 180) / 360), 0)
+    turns = np.where(np.abs(lon - center) > 180, np.floor((lon - center + 180) / 360), 0)
     return np.column_stack([lon - 360 * turns, degrees[:, 1]])

@@ -18,13 +18,16 @@ PIXEL_CHUNK = 1 << 22  # pixels of a stack that are computed at a time
 FEW_CELLS = 60  # cells for each crossing of an outline and a line of pixels, below which each cell is looked at
 
 
-def rasterize(shape: shapely.Polygon) -> Mask:
-    """The pixels inside `shape` (image px), as the crop of its bounds. The inverse of `polygons.trace`."""
-    x_min, y_min, x_max, y_max = shape.bounds
-    x0, y0 = int(np.floor(x_min)), int(np.floor(y_min))
-    size = int(np.ceil(x_max)) - x0, int(np.ceil(y_max)) - y0
+def rasterize(shape: shapely.Polygon, within: tuple[int, int] | None = None) -> Mask:
+    """The pixels inside `shape` (image px), as the crop of its bounds. The inverse of `polygons.trace`.
+
+    What lies beyond an image of the size `within` (width, height) is cut off, where one is given.
+    """
+    bounds = np.array(shape.bounds) if within is None else np.clip(shape.bounds, 0, (*within, *within))
+    x0, y0 = (int(v) for v in np.floor(bounds[:2]))
+    x1, y1 = (int(v) for v in np.ceil(bounds[2:]))
     a, b, _ = _edges(np.array([shape], object))
-    return Mask(x0, y0, _inside(a, b, np.zeros(len(a), np.int64), 1, (x0, y0), size)[0])
+    return Mask(x0, y0, _inside(a, b, np.zeros(len(a), np.int64), 1, (x0, y0), (x1 - x0, y1 - y0))[0])
 
 
 def rasterize_stack(shapes: NDArray[np.object_], size: tuple[int, int]) -> NDArray[np.bool_]:

@@ -14,7 +14,8 @@ from zpm2.pose.points import RayPairs
 
 Array = NDArray[np.float64]
 STEP_DONE = 1e-9  # rad: a smaller step ends the refinement
-UNDETERMINED = 1e-10  # share of the best determined direction's weight, at which points say nothing about a direction
+UNDETERMINED = 1e-10  # share of the largest eigenvalue, down to which an eigenvector is left open by the points
+TAKES_PART = 0.01  # of a parameter in such a vector of unit length, from which on it is open, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,7 @@ class RefinedPose:
     """A pose with its covariance: three angles of rotation about the right camera's axes, two of the direction of t."""
 
     estimate: PoseEstimate
-    covariance: Array  # (5, 5) rad^2; infinite where the points leave a direction undetermined
+    covariance: Array  # (5, 5) rad^2; infinite in rows and columns of what the points leave open
 
     @property
     def rotation_sigma(self) -> float:
@@ -88,13 +89,14 @@ def _covariance(error: Array, jacobian: Array, group: NDArray[np.intp]) -> Array
     pull, normal = np.zeros((count, 5)), np.zeros((count, 5, 5))
     np.add.at(pull, member, slope[:, None] * jacobian)
     np.add.at(normal, member, bend[:, None, None] * jacobian[:, :, None] * jacobian[:, None])
-    left = normal.sum(0) - normal
-    weight = np.abs(np.linalg.eigvalsh(left))
-    if count == 1 or (weight.min(1) <= UNDETERMINED * weight.max(1)).any():
-        return np.full((5, 5), np.inf)
-    without = np.linalg.inv(left)
-    moves = np.einsum("gij,gj->gi", without, pull)
-    return np.asarray((count - 1) / count * moves.T @ moves)
+    rest = normal.sum(0) - normal
+    moves = np.einsum("gij,gj->gi", np.linalg.pinv(rest, rcond=UNDETERMINED, hermitian=True), pull)
+    covariance = np.asarray((count - 1) / count * moves.T @ moves)
+    weight, axes = np.linalg.eigh(rest)
+    unknown = np.abs(weight) <= UNDETERMINED * np.abs(weight).max(1, keepdims=True)
+    unknown = ((np.abs(axes) >= TAKES_PART) & unknown[:, None]).any((0, 2)) | (count == 1)
+    covariance[unknown | unknown[:, None]] = np.inf
+    return covariance
 
 
 def _moved(rotation: Array, translation: Array, by: Array) -> tuple[Array, Array]:

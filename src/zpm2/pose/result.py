@@ -75,19 +75,18 @@ class RelativePose:
     def of(refined: RefinedPose, degeneracy: Degeneracy) -> "RelativePose":
         """The refined pose without what its points do not determine."""
         rotation = degeneracy.rotation_only
-        pose = RelativePose(
+        holds, covariance = DOUBTFUL_FLAGS.isdisjoint(degeneracy.flags), refined.covariance
+        turned, moved = refined.rotation_sigma, refined.translation_sigma
+        return RelativePose(
             rotation=refined.estimate.rotation if rotation is None else rotation,
             translation=refined.estimate.translation if rotation is None else None,
-            rotation_sigma=refined.rotation_sigma,
-            translation_sigma=refined.translation_sigma if rotation is None else None,
-            covariance=refined.covariance,
+            rotation_sigma=turned if holds and np.isfinite(turned) else None,
+            translation_sigma=moved if holds and np.isfinite(moved) and rotation is None else None,
+            covariance=covariance if holds and np.isfinite(covariance).all() else None,
             flags=degeneracy.flags,
             alternatives=degeneracy.alternatives,
             starts=refined.estimate.starts,
         )
-        if not pose.doubtful and np.isfinite(refined.covariance).all():
-            return pose
-        return dataclasses.replace(pose, rotation_sigma=None, translation_sigma=None, covariance=None)
 
 
 @dataclass(frozen=True, eq=False)

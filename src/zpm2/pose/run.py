@@ -64,7 +64,7 @@ class OrientedPair:
         """
         out, written, missing = claim(folder, file_names(rectified, as_colmap)), list[Path](), list[str]()
         for name in file_names(rectified=True, as_colmap=True):  # of an earlier pose
-            remove_made(out / name)
+            remove_made(out, name)
         if rectified:
             pair = self.rectified()
             if isinstance(pair, Failed):

@@ -105,6 +105,20 @@ def test_longitudes_may_be_whole_turns_away(tmp_path: Path, west: float, turn: f
 
 
 @pytest.mark.parametrize(
+    ("first", "west", "east", "left", "right"),
+    [(-180, 176, 184, 712, 728), (-180, -184, -176, -8, 8), (0, -4, 4, -8, 8), (-180, -540, -500, 0, 80)],
+)
+def test_a_region_across_the_border_of_a_world_map_is_not_torn(
+    tmp_path: Path, first: float, west: float, east: float, left: float, right: float
+) -> None:
+    photo = Photo(width=720, height=360, geo=Georeference("EPSG:4326", np.array([[0.5, 0, first], [0, -0.5, 90]])))
+    feature = {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [box(west, 0, east, 10)]}}
+    data = collection(crs="EPSG:4326") | {"features": [feature]}
+    path = write(tmp_path / "a.geojson", data)
+    assert shape_of(open_regions(path).read(photo).regions[0]).bounds == pytest.approx((left, 160, right, 180))
+
+
+@pytest.mark.parametrize(
     "name", ["EPSG:999999", "urn:ogc:def:crs:NONE::1", "/etc/passwd", "http://example.org/x", "PROJCS[", "ESRI:1"]
 )
 def test_unknown_reference_systems(tmp_path: Path, name: str) -> None:

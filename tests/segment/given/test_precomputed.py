@@ -269,6 +269,8 @@ def test_a_hole_on_the_outline_stays_a_hole(tmp_path):
     (polygon,) = segmenter.polygons(IMAGE)
     assert polygon.area == segmenter.segment(IMAGE)[0].area == 800
     assert shape_of(open_regions(tmp_path / "a.json").read(IMAGE).regions[0]).area == 800
+    twice = features(feature(box(0, 0, 30, 30), box(10, 10, 20, 20), box(10, 10, 20, 20)))
+    assert source(write(tmp_path / "b.json", twice)).polygons(IMAGE)[0].area == 800
 
 
 def test_rings_of_one_point_are_no_rings(tmp_path):

@@ -35,8 +35,9 @@ def to_pixels(bodies: Sequence[Parts], crs: str, photograph: Photograph) -> tupl
     Edges stay straight between their vertices.
     """
     rings = [ring for parts in bodies for part in parts for ring in part]
-    size = photograph.width, photograph.height
-    points = from_world(photograph.geo, size, crs, np.concatenate([np.zeros((0, 2)), *rings]))
+    size, lengths = (photograph.width, photograph.height), [sum(map(len, part)) for parts in bodies for part in parts]
+    of = np.repeat(np.arange(len(lengths)), lengths)
+    points = from_world(photograph.geo, size, crs, np.concatenate([np.zeros((0, 2)), *rings]), of)
     placed = iter(np.split(points, np.cumsum([len(ring) for ring in rings])))
     found, lost = list[Parts](), 0
     for parts in bodies:

@@ -32,11 +32,13 @@ def shape_of(region: GivenRegion) -> Shape | None:
 
 
 def repaired(shape: shapely.Polygon) -> Shape:
-    """What the rings of an invalid polygon enclose by the even-odd rule.
+    """What the rings of an invalid polygon enclose by the even-odd rule; a ring that is there twice counts once.
 
     Each ring is repaired alone: `make_valid` of all of them fills a hole that shares an edge with another ring.
     """
-    valid = [shapely.make_valid(shapely.Polygon(ring)) for ring in shapely.get_rings(shape)]
+    rings = shapely.polygons(shapely.get_rings(shape))
+    distinct = dict(zip(shapely.normalize(rings).tolist(), rings, strict=True)).values()
+    valid = [shapely.make_valid(ring) for ring in distinct]
     parts = as_objects([shapely.MultiPolygon(polygons_in(each)) for each in valid])
     while len(parts) > 1:  # by twos, as one by one takes long for many holes
         half = len(parts) // 2
