@@ -73,8 +73,7 @@ class Matcher:
         own = segmenter if isinstance(segmenter, tuple) else (segmenter,)
         foreign = points is not None or not all(each is None or isinstance(each, PolygonSource) for each in own)
         if foreign and not (workers is None and kept is None):
-            what = "kept tiles" if workers is None else "workers"
-            raise ConfigError(f"{what} cannot take a segmenter or point matcher that is an object: name it instead")
+            raise unnamed("kept tiles" if workers is None else "workers")
         self._workers = workers
         self.keep(photographs, aside)
 
@@ -194,6 +193,11 @@ class Matcher:
             )
 
     @property
+    def has_objects(self) -> bool:
+        """Whether its segmenter or point matcher is an object, so that its configuration does not say what it finds."""
+        return self._segmenter_given or self._points is not None
+
+    @property
     def takes_prompts(self) -> bool:
         """Whether its segmenter can look for a region, as `carry` needs it."""
         return isinstance(self._whole.segmenters()[1], PromptedSegmenter)
@@ -218,6 +222,11 @@ class Matcher:
         else:
             estimate.refuse_whole(config, sizes, given)
         return tiles, said
+
+
+def unnamed(what: str) -> ConfigError:
+    """The error where `what` would have to tell a segmenter or point matcher that is an object from another one."""
+    return ConfigError(f"{what} cannot take a segmenter or point matcher that is an object: name it instead")
 
 
 def match(

@@ -71,6 +71,23 @@ def test_matches_of_each_pair_are_kept(pair: Pair, counted: list[object], tmp_pa
     assert len(counted) == 2
 
 
+def test_a_pair_whose_kept_matches_are_damaged_is_matched_again(
+    pair: Pair, counted: list[object], tmp_path: Path
+) -> None:
+    given, said = (pair.left, pair.right, rig(pair), SIFT), list[str]()
+    found = zpm2.cloud.from_stereo(*given, kept=tmp_path / "pairs")
+    file = tmp_path / "pairs" / "left-right" / "matches.json"
+    file.write_text(file.read_text()[:1000])
+    again = zpm2.cloud.from_stereo(*given, kept=tmp_path / "pairs", say=said.append)
+    assert again.to_dict()["patches"] == found.to_dict()["patches"]
+    assert f"{file} cannot be read" in said[0]
+    file.unlink()
+    for _ in range(2):
+        zpm2.cloud.from_stereo(*given, kept=tmp_path / "pairs", say=said.append)
+    assert len(counted) == 3
+    assert len(said) == 1
+
+
 def test_non_overlapping(pair: Pair, counted: list[object]) -> None:
     cloud = zpm2.cloud.from_stereo(pair.left, pair.right, rig(pair), SIFT, non_overlapping=True)
     assert all(patch.parent is None for patch in cloud.patches)

@@ -1,5 +1,6 @@
 """Files of a cloud, read back by other libraries."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import shapely
 from clouds import cloud_of, looking_down, squares
 from meshes import grid
 
+from zpm2 import memory
 from zpm2.cloud import PolygonCloud, SurfaceMesh, export, save
+from zpm2.errors import ConfigError
 
 CAMERAS = [looking_down(-0.4, 0.1, 2.5), looking_down(0.4, -0.1, 2.5)]
 OFFSET = np.array([1000.0, 2000.0, 30.0])
@@ -102,6 +105,15 @@ def test_points(cloud: PolygonCloud, tmp_path: Path, suffix: str) -> None:
         assert shapely.contains_xy(ring, mine[:, :2]).all()
 
 
+@pytest.mark.parametrize(("spacing", "budget"), [(1e-6, "8GB"), (0.001, "16MB"), (1e-200, "none"), (np.nan, "none")])
+def test_points_that_are_too_many(cloud: PolygonCloud, tmp_path: Path, spacing: float, budget: str) -> None:
+    with memory.within(budget):
+        with pytest.raises(ConfigError, match=f"spacing {spacing:g} makes more points .* or more") as error:
+            save(cloud, tmp_path / "out", spacing)
+        export.check_spacing(cloud, float(str(error.value).split()[-3]))
+    assert not (tmp_path / "out").exists()
+
+
 def test_everything_is_saved_and_nothing_else(
     cloud: PolygonCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +126,21 @@ def test_everything_is_saved_and_nothing_else(
         *("cloud.json", "cloud.html", "cloud.png", "cloud.glb", "patches.ply", "points.ply"),
         *("boundaries.geojson", "boundaries.wkt"),
     }
+
+
+def test_files_of_an_earlier_cloud_go(cloud: PolygonCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("laspy")
+    monkeypatch.setattr("zpm2.cloud.picture.SIZE", (160, 140))
+    out = tmp_path / "out"
+    save(cloud, out, spacing=0.1, las=True)
+    (out / "mine.txt").touch()
+    for view in json.loads((out / "cloud.json").read_text())["views"]:
+        assert (out / view["relative_path"]).is_file()
+    save(cloud, out, spacing=0.1)
+    assert (out / "points.ply").exists()
+    assert not (out / "points.las").exists()
+    save(dataclasses.replace(cloud, patches=[]), out)
+    assert {path.name for path in out.iterdir()} == {".zpm2", "cloud.json", "mine.txt"}
 
 
 def test_an_empty_cloud_can_be_saved(tmp_path: Path) -> None:

@@ -143,6 +143,18 @@ def test_hloc_has_one_match_for_a_keypoint_the_best(tmp_path: Path) -> None:
         assert matches["a.png/b.png/matches0"][()].tolist() == [1]
 
 
+def test_names_that_are_one_in_hloc(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    paths = [tmp_path / name for name in ("a/1.png", "a-1.png", "b.png")]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    found = collect(result(path, paths[2], PointMatches.empty()) for path in paths[:2])
+    with pytest.raises(InputError, match=r"^a-1\.png and a/1\.png have one name"):
+        hloc.write(found, tmp_path)
+    assert not [name for name in hloc.FILES if (tmp_path / name).exists()]
+
+
 def test_what_cannot_be_exported(views: list[MatchResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*results: MatchResult, root: Path | None = None) -> str:
         with pytest.raises(InputError) as error:

@@ -20,10 +20,12 @@ from zpm2.export import stac
 from zpm2.formats import registry
 from zpm2.formats.regions import yolo
 from zpm2.model import Georeference, ImagePolygons, PointMatches, Polygon, PolygonMatch
+from zpm2.photos.geolocation import WGS84, between
 
 pytest.importorskip("rasterio", reason="extra geo is not installed")
 SIZE = (300, 200)
 UTM = np.array([[0.5, 0, 500_000], [0, -0.5, 5_000_000.0]])
+BEYOND = ("0001-01-01T00:00:00+05:00", "2024-01-01/9999-12-31T23:00:00-05:00")  # the calendar, in UTC
 NOON = datetime(2024, 5, 31, 12, tzinfo=UTC)
 
 
@@ -135,6 +137,46 @@ def test_across_the_antimeridian(tmp_path: Path) -> None:
         assert whole.area == pytest.approx(0.03 * 0.02)
 
 
+@pytest.mark.parametrize(
+    ("crs", "matrix", "size", "box"),
+    [
+        ("EPSG:4326", [[1, 0, -100], [0, -1, 50]], (200, 100), (-100, -50, 100, 50)),
+        ("EPSG:4326", [[1, 0, 100], [0, -1, 50]], (200, 100), (100, -50, -60, 50)),
+        ("EPSG:4326", [[1, 0, -180], [0, -1, 90]], (360, 180), (-180, -90, 180, 90)),
+        ("EPSG:4326", [[1, 0, 0], [0, -1, 90]], (360, 180), (-180, -90, 180, 90)),
+        ("EPSG:3413", [[1000, 0, -100_000], [0, -1000, 50_000]], (300, 225), (-180, 87.547, 180, 90)),
+        ("EPSG:3031", [[10_000, 0, -3e6], [0, -10_000, 3e6]], (600, 600), (-180, -90, 180, -52.317)),
+        ("EPSG:3031", [[-10_000, 0, 3e6], [0, -10_000, 3e6]], (600, 600), (-180, -90, 180, -52.317)),
+    ],
+)
+def test_wide_photographs_and_poles(crs: str, matrix: Any, size: tuple[int, int], box: tuple[float, ...]) -> None:
+    side = ImagePolygons(*size, [], "a.tif", geo=Georeference(crs, np.array(matrix, np.float64)))
+    ground = stac.footprint([side, side])
+    assert stac.bounds(ground) == pytest.approx(box, abs=1e-3)
+    pixels = side.geo.to_world(np.random.default_rng(0).random((500, 2)) * size)
+    degrees = between(crs, WGS84, pixels)
+    degrees[:, 0] = (degrees[:, 0] + 180) % 360 - 180
+    assert shapely.contains_xy(stac.cut(ground), degrees).all()
+
+
+def test_a_pole_and_what_lies_beside_it() -> None:
+    matrices = [[[1000, 0, -100_000], [0, -1000, 50_000]], [[1000, 0, -250_000], [0, -1000, 50_000.0]]]
+    pole, beside = (ImagePolygons(300, 225, [], "a.tif", geo=Georeference("EPSG:3413", np.array(m))) for m in matrices)
+    both, other = (stac.cut(stac.footprint(sides)) for sides in ((pole, beside), (beside, pole)))
+    assert both.is_valid
+    parts = [stac.cut(stac.footprint([side])) for side in (pole, beside)]
+    assert both.symmetric_difference(other).area < 1e-3
+    assert both.symmetric_difference(parts[0].union(parts[1])).area < 1e-3
+    assert parts[0].intersects(parts[1])
+
+
+@pytest.mark.parametrize(("size", "north"), [(1e-9, 5.0), (1.0, 100.0)])
+def test_a_photograph_without_area(size: float, north: float) -> None:
+    side = ImagePolygons(9, 9, [], "a.tif", geo=Georeference("EPSG:4326", np.array([[size, 0, 5], [0, -size, north]])))
+    with pytest.raises(InputError, match=r"a\.tif encloses no area"):
+        stac.footprint([side])
+
+
 @settings(max_examples=50)
 @given(st.floats(-180, 180), st.floats(-80, 79), st.floats(1e-6, 0.01), st.floats(1e-6, 0.01))
 def test_footprints_keep_their_area(west: float, south: float, wide: float, high: float) -> None:
@@ -160,7 +202,9 @@ def test_times_of_the_user(text: str, first: str, last: str) -> None:
     )
 
 
-@pytest.mark.parametrize("text", ["", "yesterday", "2024-05-31/2019-05-31", "2024-01-01/2024-01-02/2024-01-03"])
+@pytest.mark.parametrize(
+    "text", ["", "yesterday", "2024-05-31/2019-05-31", "2024-01-01/2024-01-02/2024-01-03", *BEYOND]
+)
 def test_times_that_are_none(text: str) -> None:
     with pytest.raises(ConfigError, match="START/END"):
         stac.read_times(text)
@@ -175,4 +219,7 @@ def test_the_time_of_a_camera(tmp_path: Path) -> None:
     exif.get_ifd(stac.pictures.EXIF_IFD)[stac.ORIGINAL] = "0000:00:00 00:00:00"
     PIL.Image.new("RGB", (8, 8)).save(tmp_path / "b.jpg", exif=exif)
     assert stac.taken(tmp_path / "b.jpg") is None
+    exif.get_ifd(stac.pictures.EXIF_IFD).update({stac.ORIGINAL: "0001:01:01 00:00:00", stac.OFFSET: "+05:00"})
+    PIL.Image.new("RGB", (8, 8)).save(tmp_path / "c.jpg", exif=exif)
+    assert stac.taken(tmp_path / "c.jpg") is None
     assert stac.taken(tmp_path / "missing.jpg") is None

@@ -82,6 +82,15 @@ def test_a_list(tmp_path: Path) -> None:
         chosen(photographs(4), file)
 
 
+def test_the_same_file_name_in_two_folders(tmp_path: Path) -> None:
+    names = ("a.png", "b.png", "sub/a.png")
+    own = [Photograph(name, f"/photos/{name}", 40, 30) for name in names]
+    file = tmp_path / "pairs.txt"
+    file.write_text("a.png b.png\nb.png sub/a.png\n")
+    assert chosen(own, file).pairs == [(0, 1), (1, 2)]
+    assert chosen(own, database(tmp_path / "database.db", {(1, 3): 50}, dict(enumerate(names, 1)))).pairs == [(0, 2)]
+
+
 def test_a_database_of_colmap(tmp_path: Path) -> None:
     names = {1: "photos/p0.png", 2: "p1.png", 5: "p2.png", 7: "other.png"}
     file = database(tmp_path / "database.db", {(1, 2): 50, (1, 5): 0, (2, 5): 20, (5, 7): 99}, names)

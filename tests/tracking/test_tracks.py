@@ -13,6 +13,7 @@ import wall
 from zpm2 import config
 from zpm2 import tracks as follow
 from zpm2.api import Matcher
+from zpm2.errors import ConfigError
 from zpm2.formats.regions.registry import open_regions
 from zpm2.model import Image, ImagePolygons, Mask, Polygon
 from zpm2.result import MatchResult
@@ -115,6 +116,19 @@ def test_an_interrupted_run_goes_on(
     assert json.dumps(again.to_dict()) == json.dumps(found.to_dict())
     assert called.count(("p0.png", "p1.png")) == 1
     assert any("1 finished pairs were taken from an earlier run" in line for line in said)
+
+
+def test_pairs_are_kept_of_methods_that_have_a_name(photographs: list[Path], tmp_path: Path) -> None:
+    class Own:
+        name = "own"
+
+        def segment(self, image: Image) -> list[Mask]:
+            return []
+
+    with pytest.raises(ConfigError, match="kept pairs cannot take a segmenter or point matcher"):
+        follow(photographs, CONFIG, kept=tmp_path, segmenter=Own())
+    with pytest.raises(ConfigError, match="kept pairs cannot take a segmenter or point matcher"):
+        follow(photographs, CONFIG, kept=tmp_path, matcher=Matcher(CONFIG, segmenter=Own()))
 
 
 def test_files(found: TracksResult, tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from zpm2 import memory
 from zpm2.cloud.result import CloudPatch, PolygonCloud
 from zpm2.cloud.surface import SurfaceMesh, require_trimesh
 from zpm2.config import recorded
-from zpm2.errors import MissingDependency
+from zpm2.errors import ConfigError, MissingDependency
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
 from zpm2.photos.images import read_image
@@ -27,6 +28,8 @@ Colors = NDArray[np.uint8]
 TUBE_RADIUS = 0.0015  # radius of the tubes around boundaries, as a share of the extent
 TUBE_SIDES = 6  # sides of a tube's cross-section
 BOUNDARY_SHADE = 0.45  # brightness of a boundary, as a share of its patch's
+MOST_POINTS = 2**31 - 1  # of a file: programs count them in 32 bits
+POINT_BYTES = 400  # of memory for each sampled point
 FRAME = "coordinates of the cameras and of the mesh"
 
 
@@ -86,6 +89,17 @@ def write_ply(cloud: PolygonCloud, path: Path) -> Path:
         "end_header\n",
     ]
     return atomic_write(path, "\n".join(header).encode() + vertices.astype("<f8").tobytes() + face.tobytes())
+
+
+def check_spacing(cloud: PolygonCloud, spacing: float | None) -> None:
+    """`ConfigError` where points `spacing` apart (units of the mesh; None: about 200,000 points) would be too many."""
+    most = min(memory.budget() / POINT_BYTES, MOST_POINTS)
+    least = (sum(polygon.patch.area for polygon in cloud.patches) / max(most, 1.0)) ** 0.5
+    if spacing and not spacing >= least:
+        raise ConfigError(
+            f"spacing {spacing:g} makes more points than the {most:.2g} that memory and files hold: "
+            f"give {1.1 * least:.2g} or more"
+        )
 
 
 def write_points(cloud: PolygonCloud, spacing: float, *paths: Path) -> int:

@@ -21,6 +21,7 @@ from zpm2.files.keys import key
 from zpm2.files.record import make_folder, save_key, saved_key
 from zpm2.files.writing import claim
 from zpm2.formats.maps import read_disparity
+from zpm2.formats.saving import DOCUMENT
 from zpm2.model import Image, PointMatches
 from zpm2.model.messages import about
 from zpm2.photos.images import read_image
@@ -77,9 +78,9 @@ def from_workspace(
 
     mesh, images, cameras: where these are, if not in the usual places of the workspace (`cloud.workspace`).
     non_overlapping: make regions exclude each other before they are lifted. kept: a folder that stores the matches of
-    each pair; they are used again if photographs, configuration and code are the same. say: called once with a message
-    if casting rays will be slow. `InputError` for an incomplete workspace, `MissingDependency` without trimesh, and the
-    errors of `Matcher`.
+    each pair; they are used again if photographs, configuration and code are the same. say: called with a message if
+    casting rays will be slow, or kept matches are damaged. `InputError` for an incomplete workspace,
+    `MissingDependency` without trimesh, and the errors of `Matcher`.
     """
     pairs = _Pairs(configuration.as_config(config), non_overlapping, _path(kept), progress, say)
     place, odd = Path(folder), list[str]()
@@ -229,12 +230,18 @@ class _Pairs:
             home / name,
             key([left.path, right.path], matching_part(self.config), *plugin_code(self.config)),
         )
-        if saved_key(folder) != made_from or not (folder / "matches.json").exists():
+        if saved_key(folder) != made_from or not (folder / DOCUMENT).exists():
             result = self._match(left, right)
             claim(make_folder(home), [])
             result.save(make_folder(folder))
             save_key(folder, made_from)
-        return MatchResult.load(folder)
+        try:
+            return MatchResult.load(folder)
+        except InputError:
+            self.say(
+                f"{folder / DOCUMENT} cannot be read, the pair is matched again: remove it to keep the new matches"
+            )
+            return _without_pixels(self._match(left, right))
 
     def _match(self, left: PosedPhotograph, right: PosedPhotograph) -> MatchResult:
         if self._matcher is None:

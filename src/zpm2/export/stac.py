@@ -20,7 +20,7 @@ from zpm2.files.reading import WRONG
 from zpm2.files.writing import atomic_write
 from zpm2.model import SIDES, ImagePolygons
 from zpm2.photos import pictures
-from zpm2.photos.geolocation import WGS84, between, wkt2, world_of
+from zpm2.photos.geolocation import WGS84, between, from_world, wkt2, world_of
 from zpm2.result import MatchResult
 
 VERSION, PROJECTION = "1.1.0", "https://stac-extensions.github.io/projection/v2.0.0/schema.json"
@@ -125,9 +125,9 @@ def read_times(text: str) -> Times:
     """A moment, or START/END, by ISO 8601; without a zone in UTC. `ConfigError` for another text."""
     try:
         parts = [datetime.fromisoformat(part.strip()) for part in text.split("/")]
-    except ValueError:
-        parts = []
-    zoned = [part if part.tzinfo is not None else part.replace(tzinfo=UTC) for part in parts]
+        zoned = [(part if part.tzinfo is not None else part.replace(tzinfo=UTC)).astimezone(UTC) for part in parts]
+    except (ValueError, OverflowError):  # in UTC beyond the calendar
+        zoned = []
     if len(zoned) not in (1, 2) or zoned[0] > zoned[-1]:
         raise ConfigError(f"--datetime {text}: give a moment as 2024-05-31T10:30:00Z, or two of them as START/END")
     return zoned[0], zoned[-1]
@@ -142,14 +142,16 @@ def taken(photograph: Path) -> datetime | None:
             own = tags.get_ifd(pictures.EXIF_IFD)
             text, zone = (own[ORIGINAL], own.get(OFFSET)) if ORIGINAL in own else (tags[TIFF_TIME], None)
         found = datetime.strptime(str(text).strip("\0 ")[:19], "%Y:%m:%d %H:%M:%S")
-        return datetime.fromisoformat(f"{found.isoformat()}{str(zone).strip() if zone else '+00:00'}")
+        zoned = datetime.fromisoformat(f"{found.isoformat()}{str(zone).strip() if zone else '+00:00'}")
+        return zoned.astimezone(UTC)
     except (*pictures.DAMAGE, *WRONG):  # none, or not as they should be
         return None
 
 
 def footprint(sides: Sequence[ImagePolygons]) -> BaseGeometry:
     """What the photographs show, in degrees of longitude and latitude on WGS 84. Longitudes go on beyond 180 where it
-    crosses the antimeridian. `InputError` where a photograph has no place."""
+    crosses the antimeridian, and end at 180 where it goes all the way round. `InputError` where a photograph has no
+    place."""
     found, middle = [], None
     for side in sides:
         known = world_of(side.geo)
@@ -164,9 +166,19 @@ def footprint(sides: Sequence[ImagePolygons]) -> BaseGeometry:
         if not np.isfinite(ring).all():
             raise InputError(f"the border of {side.path} has no longitude and latitude everywhere: correct its place")
         middle = ring[0, 0] if middle is None else middle
-        ring[:, 0] = middle + (ring[:, 0] - middle + 180) % 360 - 180
-        found.append(shapely.Polygon(np.round(ring, DIGITS)).buffer(0))
-    return shapely.union_all(found, grid_size=10.0**-DIGITS)
+        ring = np.concatenate([ring, ring[:1]])
+        ring[:, 0] = np.unwrap(middle + (ring[:, 0] - middle + 180) % 360 - 180, period=360)
+        if abs(ring[-1, 0] - ring[0, 0]) > 180:
+            pole = _pole(side)
+            ring = np.concatenate([ring, [(ring[-1, 0], pole), (ring[0, 0], pole)]])
+        shape = shapely.Polygon(np.round(ring, DIGITS)).buffer(0)
+        if not _parts(shape):
+            raise InputError(f"the border of {side.path} encloses no area on the Earth: correct its place")
+        found.append(shape)
+    ground = shapely.union_all(found, grid_size=10.0**-DIGITS)
+    west, _, east, _ = ground.bounds
+    whole_turn = round(east - west, DIGITS) >= 360
+    return shapely.union_all(_parts(ground), grid_size=10.0**-DIGITS) if whole_turn else ground
 
 
 def bounds(ground: BaseGeometry) -> list[float]:
@@ -177,12 +189,27 @@ def bounds(ground: BaseGeometry) -> list[float]:
 
 def cut(ground: BaseGeometry) -> BaseGeometry:
     """The footprint within 180 degrees of longitude, cut at the antimeridian, outer rings counter-clockwise."""
-    world = shapely.box(-180, -90, 180, 90)
-    moved = [translate(ground, turn) for turn in (-360.0, 0.0, 360.0)]
-    parts = shapely.get_parts([shapely.intersection(each, world) for each in moved])
-    found = [orient(part) for part in parts if part.area > 0]
+    found = [orient(part) for part in _parts(ground)]
     whole = found[0] if len(found) == 1 else shapely.MultiPolygon(found)
     return shapely.transform(whole, lambda xy: np.round(xy, DIGITS))
+
+
+def _parts(ground: BaseGeometry) -> list[BaseGeometry]:
+    """The polygons of a footprint, each moved by whole turns to within 180 degrees of longitude."""
+    world = shapely.box(-180, -90, 180, 90)
+    moved = [translate(ground, turn) for turn in (-720.0, -360.0, 0.0, 360.0, 720.0)]
+    parts = shapely.get_parts([shapely.intersection(each, world) for each in moved])
+    return [part for part in parts if part.area > 0]
+
+
+def _pole(side: ImagePolygons) -> float:
+    """The latitude of the pole that a photograph shows, whose border goes round it."""
+    latitudes = np.array([-90.0, 90.0])
+    spots = from_world(side.geo, (side.width, side.height), WGS84, np.c_[np.zeros(2), latitudes])
+    shown = latitudes[((spots >= 0) & (spots <= (side.width, side.height))).all(axis=1)]
+    if len(shown) != 1:
+        raise InputError(f"the border of {side.path} goes round the Earth, but not round one pole: correct its place")
+    return float(shown[0])
 
 
 def _within(longitude: float) -> float:

@@ -141,8 +141,11 @@ def _named(names: Sequence[tuple[str, str]], photographs: Sequence[Photograph]) 
 
 
 def _row(name: str, photographs: Sequence[Photograph]) -> int | None:
-    """The photograph with that name, or that path from its end; else the only one with that file name."""
+    """The photograph with that name; else the only one with that path from its end, or with that file name."""
     parts = PurePosixPath(name.replace("\\", "/")).parts
+    names = [PurePosixPath(each.name).parts for each in photographs]
+    if parts in names:
+        return names.index(parts)
     for same in (len(parts), 1):
         rows = [k for k, each in enumerate(photographs) if Path(each.path).absolute().parts[-same:] == parts[-same:]]
         if len(rows) == 1:

@@ -43,15 +43,20 @@ def tracks(
     pairs: which are matched with each other: "sequential" (neighbours in this order), "exhaustive", "colmap" (the pairs
     with verified matches in the database.db beside them), a database or a model of COLMAP, a list with two names a
     line, or "auto": by the positions that all of them have (EXIF, georeference), else by the points that they share.
-    kept: a folder for finished pairs: a run goes on from there if photographs, configuration and code are the same. The
-    run also puts there, and removes in the end, what networks found in photographs that left the memory.
+    kept: a folder for finished pairs, of methods of the configuration: a run goes on from there if photographs,
+    configuration and code are the same. The run also puts there, and removes in the end, what networks found in
+    photographs that left the memory.
 
     segmenter, points, progress and say are those of `Matcher`. matcher: one of the same configuration, whose networks
     are loaded already, in place of a new one with these four; it forgets the photographs that it kept.
     `InputError` for photographs that cannot be read, that are fewer than two or given twice, and where no pair is left;
-    other errors are those of `Matcher`.
+    `ConfigError` for `kept` with a segmenter or point matcher that is an object, also of `matcher`; other errors are
+    those of `Matcher`.
     """
     chosen = configuration.as_config(config)
+    own = segmenter is not None or points is not None or (matcher is not None and matcher.has_objects)
+    if own and kept is not None:
+        raise api.unnamed("kept pairs")
     timer = StageTimer(progress)
     given = [photographs] if isinstance(photographs, str | Path) else photographs
     with timer("read"):
@@ -125,7 +130,6 @@ class _Work:
         self._matcher = matcher
         if matcher is not None:
             matcher.keep(config.tracks.looked_at, aside)
-        self._names = [each.name for each in (segmenter, points) if each is not None]
 
     def matched(self, pairs: Sequence[Pair]) -> dict[Pair, PairMatches]:
         """The matches of each pair, in their order."""
@@ -181,7 +185,7 @@ class _Work:
 
     def _key(self, i: int, j: int, *more: object) -> str:
         paths = [self.photographs[row].path for row in (i, j)]
-        return key(paths, matching_part(self.config), *plugin_code(self.config), *self._names, *more)
+        return key(paths, matching_part(self.config), *plugin_code(self.config), *more)
 
 
 def _told(messages: Mapping[str, Sequence[str]]) -> list[str]:
