@@ -175,6 +175,19 @@ def test_a_matcher_remembers_the_last_photographs_for_further_calls() -> None:
     assert all(each.shape.equals(carried[0].shape) for each in carried)
 
 
+def test_a_view_that_answers_wrongly_costs_its_pair() -> None:
+    rgb, seen = photograph(5, 256, 256), itertools.count()
+    images = [Image(np.ascontiguousarray(np.roll(rgb, -24 * k, axis=1)), str(k)) for k in range(2)]
+    cell = shapely.box(100, 100, 140, 140)
+    views = [PaintedView(image, [Region(shapely.affinity.translate(cell, -24 * k))]) for k, image in enumerate(images)]
+    predict = views[0].predict
+    setattr(views[0], "predict", lambda *given: predict(*given) if next(seen) else None)  # noqa: B010
+    config = assign(preset("default"), ["device=cpu", "segment.grid=16", "segment.min_area=50"])
+    matcher = Matcher(config, segmenter=PaintedSegmenter(views), points=Shifted())
+    found = list(matcher.match_many([(images[0], images[1])] * 2))
+    assert [type(each) for each in found] == [SegmenterError, MatchResult]
+
+
 def test_models_of_others_see_one_pair_at_a_time(views: list[Path]) -> None:
     matcher = squares()
     inside = []

@@ -40,7 +40,7 @@ def test_what_is_right_stays_the_same_object() -> None:
 
 def test_numbers_of_numpy_become_those_of_python() -> None:
     bits: Any = np.ones((3, 4), np.int64)
-    odd = Mask(np.uint16(1), np.uint16(2), bits, np.float32(0.5), np.str_("a"))  # type: ignore[arg-type]
+    odd = Mask(np.uint16(1), 2.0, bits, np.float32(0.5), np.str_("a"))  # type: ignore[arg-type]
     (mask,) = masks_of(Says((odd,)), IMAGE)
     kinds = [type(value) for value in (mask.x0, mask.y0, mask.score, mask.label)]
     assert (mask.bits.dtype, kinds) == (bool, [int, int, float, str])

@@ -16,6 +16,7 @@ from zpm2.polygons.vectorize import vectorize
 from zpm2.runtime import ForkAwareLock, Progress, resolve_device
 from zpm2.segment import registry
 from zpm2.segment.answers import masks_of, polygons_of
+from zpm2.segment.checked_view import views_of
 from zpm2.segment.protocol import JointSegmenter, PolygonSource, PromptedSegmenter, PromptedView, Segmenter, notes_of
 from zpm2.segment.view_of import view_of
 
@@ -177,7 +178,7 @@ def _views(
     """Both photographs, encoded: together where one segmenter can and none is kept for other pairs."""
     one, other = segmenters
     if one is other and isinstance(one, JointSegmenter) and not kept.most:
-        left, right = one.views_together(images)
+        left, right = views_of(one, images, lambda: one.views_together(images))
         return left, right
     return view_of(one, images[0], kept), view_of(other, images[1], kept)
 

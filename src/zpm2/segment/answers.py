@@ -13,9 +13,10 @@ from zpm2.errors import SegmenterError
 from zpm2.model import Image, Mask, Polygon, shapes_of
 from zpm2.plugins import WrongAnswer, answering, listed
 from zpm2.polygons.vectorize import cut
+from zpm2.segment.predictions import MaskPredictions
 from zpm2.segment.protocol import PolygonSource, Segmenter
 
-Part = TypeVar("Part", Mask, Polygon)
+Part = TypeVar("Part", Mask, Polygon, MaskPredictions)
 
 KIND = "segmenter"
 
@@ -25,7 +26,7 @@ def masks_of(segmenter: Segmenter, image: Image) -> list[Mask]:
     masks cannot be used."""
     size = image.width, image.height
     with answering(segmenter, KIND, SegmenterError):
-        masks = [_mask(k, mask) for k, mask in enumerate(listed(segmenter.segment(image), "zpm2.model.Mask"))]
+        masks = [mask_of(k, mask) for k, mask in enumerate(listed(segmenter.segment(image), "zpm2.model.Mask"))]
         return masks if image.valid is None else [cut(mask, size).within(image.valid) for mask in masks]
 
 
@@ -42,15 +43,16 @@ def polygons_of(source: PolygonSource, image: Image) -> list[Polygon]:
         return polygons
 
 
-def _mask(k: int, mask: object) -> Mask:
+def mask_of(k: int, mask: object) -> Mask:
+    """Mask `k` of an answer in the form that zpm2 works with, or `WrongAnswer`."""
     if not isinstance(mask, Mask):
         raise WrongAnswer(f"region {k} as a {type(mask).__name__} instead of zpm2.model.Mask(x0, y0, bits, score)")
     what, bits = f"mask {k}", np.asarray(mask.bits)
     if bits.ndim != 2 or bits.dtype.kind not in "biu":
         raise WrongAnswer(f"{what} with bits of shape {bits.shape} and type {bits.dtype} instead of (h, w) and bool")
-    x0, y0 = _whole(f"{what} with x0", mask.x0), _whole(f"{what} with y0", mask.y0)
+    x0, y0 = whole(f"{what} with x0", mask.x0), whole(f"{what} with y0", mask.y0)
     score, label = _score(what, mask.score), _label(what, mask.label)
-    return _known(mask, Mask(x0, y0, bits.astype(bool, copy=False), score, label))
+    return unchanged(mask, Mask(x0, y0, bits.astype(bool, copy=False), score, label))
 
 
 def _polygon(k: int, polygon: object) -> Polygon:
@@ -60,17 +62,17 @@ def _polygon(k: int, polygon: object) -> Polygon:
     holes = tuple(_ring(what, hole) for hole in polygon.holes)
     good = replace(
         polygon,
-        id=_whole(f"{what} with id", polygon.id),
+        id=whole(f"{what} with id", polygon.id),
         exterior=_ring(what, polygon.exterior),
         holes=polygon.holes if all(map(is_, holes, polygon.holes)) else holes,
         score=_score(what, polygon.score),
-        parent=None if parent is None else _whole(f"{what} with parent", parent),
+        parent=None if parent is None else whole(f"{what} with parent", parent),
         label=_label(what, polygon.label),
     )
-    return _known(polygon, good)
+    return unchanged(polygon, good)
 
 
-def _known(part: Part, good: Part) -> Part:
+def unchanged(part: Part, good: Part) -> Part:
     """The part itself where nothing in it had to change: it may know its shape already."""
     return part if all(getattr(part, name) is value for name, value in vars(good).items()) else good
 
@@ -86,9 +88,10 @@ def _ring(what: str, ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(array, np.float64)
 
 
-def _whole(what: str, value: SupportsIndex) -> int:
+def whole(what: str, value: SupportsIndex) -> int:
+    """As an int, also a float without a fraction, or `WrongAnswer`."""
     try:
-        return index(value)
+        return int(value) if isinstance(value, float) and value.is_integer() else index(value)
     except TypeError:
         raise WrongAnswer(f"{what} = {value!r} instead of an int") from None
 
