@@ -17,7 +17,6 @@ from zpm2.cloud.patch import SurfacePatch, covered_shares
 from zpm2.cloud.surface import SurfaceMesh
 from zpm2.cloud.workspace import PosedPhotograph
 from zpm2.files.photo_paths import photo_reference
-from zpm2.files.record import destination
 from zpm2.files.writing import atomic_write
 from zpm2.model import Polygon, PosedCamera
 from zpm2.model.brief import brief
@@ -243,6 +242,6 @@ class PolygonCloud:
 
     def save_json(self, folder: Path) -> Path:
         """Write cloud.json: the whole file or none."""
-        references = [photo_reference(str(view.path), destination(folder)) for view in self.views]
+        references = [photo_reference(str(view.path), folder) for view in self.views]
         views = [view | reference for view, reference in zip(self._views(), references, strict=True)]
         return atomic_write(folder / "cloud.json", json.dumps(self.to_dict() | {"views": views}, allow_nan=False))

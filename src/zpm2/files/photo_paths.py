@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from zpm2.files.keys import fingerprint
+from zpm2.files.record import destination
 
 
 def absolute(path: str | None) -> str | None:
@@ -14,14 +15,15 @@ def absolute(path: str | None) -> str | None:
 
 
 def photo_reference(path: str | None, folder: Path) -> dict[str, str | None]:
-    """How a result in `folder` names a photograph: `path` (absolute), `relative_path` (from the folder, with /, null on
-    another drive) and `content` (`keys.fingerprint`). The last two are null where there is no such file."""
+    """How a result in `folder` names a photograph: `path` (absolute), `relative_path` (from the folder, or from its
+    `record.destination`, with /, null on another drive) and `content` (`keys.fingerprint`). The last two are null where
+    there is no such file."""
     if path is None or not os.path.exists(path):
         return {"path": path, "relative_path": None, "content": None}
     full = os.path.abspath(path)
     real = Path(os.path.realpath(os.path.dirname(full)), os.path.basename(full))
     try:
-        relative = Path(os.path.relpath(real, os.path.realpath(folder))).as_posix()
+        relative = Path(os.path.relpath(real, os.path.realpath(destination(folder)))).as_posix()
     except ValueError:  # another drive
         relative = None
     return {"path": full, "relative_path": relative, "content": _content(full)}

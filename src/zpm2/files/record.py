@@ -96,7 +96,7 @@ def move_into_place(part: Path, target: Path) -> Path:
     home = _home(target)
     if home is not None and not _is_own(target, home):
         for path in (part, *part.rglob("*")) if part.is_dir() else (part,):
-            _remember(target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
+            _remember(home, target / path.relative_to(part), FOLDER if path.is_dir() else fingerprint(path))
     os.replace(part, target)
     return target
 
@@ -106,8 +106,8 @@ def make_folder(path: Path) -> Path:
     try:
         refuse_foreign(path)
         home = _home(path)
-        if home is not None and FOLDER not in _made(home).get(_name(path, home), ()):
-            _remember(path, FOLDER)
+        if home is not None and not _is_own(path, home) and FOLDER not in _made(home).get(_name(path, home), ()):
+            _remember(home, path, FOLDER)
         path.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder {path}: {error.strerror}") from error
@@ -241,10 +241,8 @@ def _made(home: Path) -> dict[str, set[str]]:
     return made
 
 
-def _remember(path: Path, what: str) -> None:
-    home = _home(path)
-    if home is not None and not _is_own(path, home):
-        _append(home / HIDDEN / RECORD, {"name": _name(path, home), "is": what})
+def _remember(home: Path, path: Path, what: str) -> None:
+    _append(home / HIDDEN / RECORD, {"name": _name(path, home), "is": what})
 
 
 def _append(record: Path, values: dict[str, str]) -> None:

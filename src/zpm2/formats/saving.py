@@ -61,7 +61,7 @@ def save(
             atomic_write(made / name, png(pixels))
         document = result.to_dict()
         for side in SIDES:
-            document[side] |= photo_reference(document[side]["path"], folder)
+            document[side] |= photo_reference(document[side]["path"], made)
         write_report(made, report(document) if report else ())
         atomic_write(made / DOCUMENT, json.dumps(document, allow_nan=False))
     return folder

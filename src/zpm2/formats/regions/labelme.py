@@ -19,7 +19,6 @@ import PIL.Image
 from zpm2.errors import InputError
 from zpm2.files.photo_paths import photo_reference
 from zpm2.files.reading import read_bytes
-from zpm2.files.record import destination
 from zpm2.files.writing import atomic_write
 from zpm2.formats import geojson
 from zpm2.formats.convert import Members
@@ -90,7 +89,7 @@ class Labelme:
         for each, shape in placed(carried):
             given = self.data["shapes"][each.region.row]
             shapes.append(without_ours(given) | _outline(each.region, shape, photograph) | ours(each.attributes))
-        where = photo_reference(photograph.path, destination(path.parent))["relative_path"] or name_of(photograph)
+        where = photo_reference(photograph.path, path.parent)["relative_path"] or name_of(photograph)
         content = _content(photograph) if self.data.get("imageData") else None
         size = {"imageHeight": photograph.height, "imageWidth": photograph.width}
         document = self.data | {"shapes": shapes, "imagePath": where, "imageData": content} | size
